@@ -1,0 +1,184 @@
+"""The ground: a height grid with a surface class and a measurement quality for each cell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from scenes.catalogue import TraversabilityGroup
+
+MIN_CELLS, MAX_CELLS = 8, 1024
+MAX_HEIGHT = 9000.0
+
+
+class Surface(StrEnum):
+    """What the ground is made of; the letter is its symbol in scenario files."""
+
+    GRASS = "g"
+    TRAIL = "t"
+    GRAVEL = "v"
+    MUD = "m"
+    SAND = "s"
+    ROCK = "r"
+    ASPHALT = "a"
+    WATER = "w"
+
+
+class Quality(StrEnum):
+    """How a height is known: measured (or made), interpolated over a gap, or missing."""
+
+    MEASURED = "."
+    INTERPOLATED = "i"
+    MISSING = "x"
+
+
+SURFACE_GROUP = {
+    Surface.GRASS: TraversabilityGroup.ROUGH,
+    Surface.TRAIL: TraversabilityGroup.SMOOTH,
+    Surface.GRAVEL: TraversabilityGroup.ROUGH,
+    Surface.MUD: TraversabilityGroup.ROUGH,
+    Surface.SAND: TraversabilityGroup.ROUGH,
+    Surface.ROCK: TraversabilityGroup.BUMPY,
+    Surface.ASPHALT: TraversabilityGroup.SMOOTH,
+    Surface.WATER: TraversabilityGroup.FORBIDDEN,
+}
+
+SURFACES = tuple(Surface)
+QUALITIES = tuple(Quality)
+
+
+@dataclass(frozen=True, eq=False)
+class Heightmap:
+    """heights : (rows, cols) float64 metres, row along +y, column along +x, samples at cell centres,
+    the world origin at the middle of the grid
+    resolution : metres between samples
+    surface : (rows, cols) uint8 index into SURFACES
+    quality : (rows, cols) uint8 index into QUALITIES
+
+    Between samples the ground is two flat triangles a cell square, split along the diagonal from
+    (row, col + 1) to (row + 1, col), the same as in the physics and in the ray scene.
+    """
+
+    heights: np.ndarray
+    resolution: float
+    surface: np.ndarray
+    quality: np.ndarray
+
+    @classmethod
+    def from_symbols(
+        cls,
+        heights: np.ndarray,
+        resolution: float,
+        surface: Sequence[str],
+        quality: Sequence[str] | None = None,
+    ) -> Heightmap:
+        measured = np.zeros(heights.shape, np.uint8)
+        return cls(
+            heights,
+            resolution,
+            _decode(surface, SURFACES),
+            measured if quality is None else _decode(quality, QUALITIES),
+        )
+
+    def surface_symbols(self) -> tuple[str, ...]:
+        return _encode(self.surface, SURFACES)
+
+    def quality_symbols(self) -> tuple[str, ...] | None:
+        """One string a row, or None where every cell is measured."""
+        return _encode(self.quality, QUALITIES) if self.quality.any() else None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.heights.shape
+
+    @property
+    def x_min(self) -> float:
+        """World x of column 0's samples."""
+        return -0.5 * (self.shape[1] - 1) * self.resolution
+
+    @property
+    def y_min(self) -> float:
+        """World y of row 0's samples."""
+        return -0.5 * (self.shape[0] - 1) * self.resolution
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """West, east, south, north: the outermost samples."""
+        return self.x_min, -self.x_min, self.y_min, -self.y_min
+
+    @property
+    def relief(self) -> float:
+        """Highest minus lowest ground, metres."""
+        return float(np.ptp(self.heights))
+
+    def contains(self, x: float, y: float) -> bool:
+        west, east, south, north = self.bounds
+        return west <= x <= east and south <= y <= north
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """(row, col) of the nearest sample, clipped to the map."""
+        row = int(np.clip(np.rint((y - self.y_min) / self.resolution), 0, self.shape[0] - 1))
+        col = int(np.clip(np.rint((x - self.x_min) / self.resolution), 0, self.shape[1] - 1))
+        return row, col
+
+    def surface_at(self, x: float, y: float) -> Surface:
+        return SURFACES[self.surface[self.cell(x, y)]]
+
+    def quality_at(self, x: float, y: float) -> Quality:
+        return QUALITIES[self.quality[self.cell(x, y)]]
+
+    def xy(self) -> tuple[np.ndarray, np.ndarray]:
+        """World x and y of every sample, each (rows, cols)."""
+        return np.meshgrid(
+            self.x_min + self.resolution * np.arange(self.shape[1]),
+            self.y_min + self.resolution * np.arange(self.shape[0]),
+        )
+
+    def height_at(self, x, y) -> np.ndarray:
+        """Ground height at world points, arrays of one shape or scalars; clipped to the map."""
+        rows, cols = self.shape
+        u = np.clip((np.asarray(x, float) - self.x_min) / self.resolution, 0.0, cols - 1.0)
+        v = np.clip((np.asarray(y, float) - self.y_min) / self.resolution, 0.0, rows - 1.0)
+        col = np.minimum(u.astype(int), cols - 2)
+        row = np.minimum(v.astype(int), rows - 2)
+        u, v = u - col, v - row
+        h = self.heights
+        near, far = h[row, col], h[row + 1, col + 1]
+        east, north = h[row, col + 1], h[row + 1, col]
+        lower = near + u * (east - near) + v * (north - near)
+        upper = far + (1.0 - u) * (north - far) + (1.0 - v) * (east - far)
+        return np.where(u + v <= 1.0, lower, upper)
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """(rows, cols) steepest inclination in radians, central differences."""
+        dy, dx = np.gradient(self.heights, self.resolution)
+        return np.arctan(np.hypot(dx, dy))
+
+    def triangles(self) -> tuple[np.ndarray, np.ndarray]:
+        """The ground as vertices (n, 3) and upward faces (m, 3), in the split that the docstring gives."""
+        rows, cols = self.shape
+        x, y = self.xy()
+        vertices = np.column_stack([x.ravel(), y.ravel(), self.heights.ravel()])
+        index = np.arange(rows * cols).reshape(rows, cols)
+        near, east = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
+        north, far = index[1:, :-1].ravel(), index[1:, 1:].ravel()
+        faces = np.concatenate([np.column_stack([near, east, north]), np.column_stack([east, far, north])])
+        return vertices, faces
+
+
+def _decode(rows: Sequence[str], symbols: tuple[StrEnum, ...]) -> np.ndarray:
+    lookup = np.zeros(256, np.uint8)
+    for index, symbol in enumerate(symbols):
+        lookup[ord(symbol.value)] = index
+    codes = np.frombuffer("".join(rows).encode("ascii"), np.uint8).reshape(len(rows), -1)
+    return lookup[codes]
+
+
+def _encode(cells: np.ndarray, symbols: tuple[StrEnum, ...]) -> tuple[str, ...]:
+    lookup = np.array([ord(symbol.value) for symbol in symbols], np.uint8)
+    return tuple(row.tobytes().decode("ascii") for row in lookup[cells])
