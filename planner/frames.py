@@ -175,7 +175,8 @@ class Arcs:
     """The dynamic window's candidates and why each won or lost.
 
     v, w : (n,) velocities; poses : (n, steps, 3) predicted x, y, yaw in the world
-    heading, clearance, velocity, goal : (n,) weighted terms, lower total is better
+    heading, clearance, velocity, goal, ground : (n,) weighted terms, lower total is better; ground is for
+        unknown cells and tilt under the wheels
     total : (n,) sum, inf where rejected; rejection : (n,) int8 of `Rejection`
     chosen : index, or -1 where no arc was admissible
     """
@@ -187,6 +188,7 @@ class Arcs:
     clearance: np.ndarray
     velocity: np.ndarray
     goal: np.ndarray
+    ground: np.ndarray
     total: np.ndarray
     rejection: np.ndarray
     chosen: int
