@@ -1,0 +1,623 @@
+"""The one owner of the live state: applies edits and commands in order, remembers undo, follows the mission.
+
+Every method runs on the event loop's thread; other threads use `post`. REST, the telemetry socket and the 3D
+view call the same commands and hear of the same changes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import logging
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+from scenes.families import generate
+from scenes.survey import import_survey
+
+from app.store import ScenarioEntry, Store, StoreError, UnknownEntry
+from app.workers import MissionWorker, Progress
+from planner.frames import Frame, Perception, Status
+from planner.methods import METHODS
+from scenes.robot import HUSKY
+from scenes.scenario import (
+    CoverObject,
+    CoverSpec,
+    Document,
+    Family,
+    MovingObstacle,
+    Observer,
+    ObserverSpec,
+    ObstacleSpec,
+    Point,
+    Scenario,
+    ScenarioError,
+    Start,
+    first_message,
+    off_the_map,
+    why_not_standing,
+)
+
+log = logging.getLogger(__name__)
+
+UNDO_DEPTH = 200
+SPEEDS = (0.125, 8.0)
+DEFAULT_METHOD = "least_cost"
+LIVE_FIELDS = ("goal", "cover", "observers", "obstacles")
+
+
+class StudioError(ValueError):
+    """A command that is refused, in one sentence for the person; `status` is its HTTP status."""
+
+    def __init__(self, message: str, status: int = 422) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+class Change(StrEnum):
+    """What a listener is told of: another scenario, an edit, the selection, a frame, the mission's status,
+    the settings, the list of saved scenarios."""
+
+    OPENED = "opened"
+    EDITED = "edited"
+    SELECTED = "selected"
+    FRAME = "frame"
+    STATUS = "status"
+    SETTINGS = "settings"
+    LIBRARY = "library"
+
+
+class Kind(StrEnum):
+    START = "start"
+    GOAL = "goal"
+    OBSERVER = "observer"
+    COVER = "cover"
+    OBSTACLE = "obstacle"
+
+
+@dataclass(frozen=True)
+class Selection:
+    kind: Kind
+    id: int = 0
+
+
+@dataclass(frozen=True)
+class _Collection:
+    """Where things of a kind stand in the scenario."""
+
+    field: str
+    model: type[Document]
+    noun: str
+
+
+COLLECTIONS = {
+    Kind.OBSERVER: _Collection("observers", Observer, "observer"),
+    Kind.COVER: _Collection("cover", CoverObject, "cover object"),
+    Kind.OBSTACLE: _Collection("obstacles", MovingObstacle, "moving obstacle"),
+}
+
+
+class Studio:
+    """See the module's docstring. `store` is the workspace, `scenario` the document to begin with."""
+
+    def __init__(self, store: Store, scenario: Scenario, scenario_id: str) -> None:
+        self.store = store
+        self.scenario, self.scenario_id = scenario, scenario_id
+        self.heightmap = scenario.terrain.heightmap()
+        self.method, self.perception, self.seed, self.speed = DEFAULT_METHOD, Perception.LIDAR, 0, 1.0
+        self.frame: Frame | None = None
+        self.status, self.message, self.error = Status.IDLE, "getting ready", None
+        self.real_factor = 0.0
+        self.summary: dict[str, Any] | None = None
+        self.selection: Selection | None = None
+        self._saved = scenario
+        self._undo: list[tuple[str | None, Scenario]] = []
+        self._redo: list[Scenario] = []
+        self._listeners: list[Callable[[Change], None]] = []
+        self._rows: list[tuple[float, ...]] = []
+        self._started_at = datetime.now(UTC)
+        self._opening = 0
+        self._generation = 0
+        self._inbox: list[tuple[Progress, bool]] = []
+        self._inbox_lock = threading.Lock()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._tasks: set[asyncio.Task] = set()
+        self._worker = MissionWorker(self._hear, self._hear_refusal, self._hear_death)
+
+    async def start(self) -> None:
+        """Start the mission process and load the scenario."""
+        self._loop = asyncio.get_running_loop()
+        self._load()
+        await asyncio.to_thread(self._worker.start)
+
+    async def close(self) -> None:
+        """Store the present run, end the mission process."""
+        self._finish_run(Status.STOPPED)
+        if self._tasks:
+            await asyncio.wait(self._tasks, timeout=5.0)
+        await asyncio.to_thread(self._worker.close)
+
+    # telling and being told
+
+    def subscribe(self, listener: Callable[[Change], None]) -> Callable[[], None]:
+        """Call `listener` on the loop after every change; returns what ends that."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener) if listener in self._listeners else None
+
+    def _tell(self, *changes: Change) -> None:
+        for change in changes:
+            for listener in tuple(self._listeners):
+                try:
+                    listener(change)
+                except Exception:
+                    log.exception("a listener failed on %s", change)
+
+    def post(self, command: Callable, *args, on_error: Callable[[str], None] | None = None, **kwargs) -> None:
+        """From any thread: run a command on the loop; a refusal goes to `on_error`."""
+        if self._loop is None or self._loop.is_closed():
+            return
+        self._loop.call_soon_threadsafe(self._run_posted, command, args, kwargs, on_error)
+
+    def _run_posted(self, command: Callable, args, kwargs, on_error) -> None:
+        async def run() -> None:
+            try:
+                result = command(*args, **kwargs)
+                if inspect.isawaitable(result):
+                    await result
+            except (StudioError, ScenarioError, StoreError, UnknownEntry) as error:
+                self._refuse(str(error), on_error)
+            except Exception:
+                log.exception("a command failed")
+                self._refuse("that failed for a reason of ours; the server's log has it", on_error)
+
+        if inspect.iscoroutinefunction(command):
+            self._background(run())
+            return
+        try:
+            run().send(None)  # a plain command finishes here, in the order it was posted
+        except StopIteration:
+            pass
+
+    def _refuse(self, message: str, on_error: Callable[[str], None] | None) -> None:
+        if on_error is not None:
+            on_error(message)
+        else:
+            self.message = message
+            self._tell(Change.STATUS)
+
+    def _background(self, coroutine) -> None:
+        task = asyncio.ensure_future(coroutine)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    # the mission process, heard on its watching thread
+
+    def _hear(self, report: Progress, current: bool) -> None:
+        with self._inbox_lock:
+            self._inbox.append((report, current))
+            if len(self._inbox) > 1:
+                return  # one is on its way already and will take this report along
+        self._on_loop(self._take_reports)
+
+    def _hear_refusal(self, reason: str) -> None:
+        self._on_loop(self._refuse, reason, None)
+
+    def _hear_death(self, reason: str, restoring: bool) -> None:
+        self._on_loop(self._mourn, reason, restoring)
+
+    def _on_loop(self, callback: Callable, *args) -> None:
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(callback, *args)
+
+    def _take_reports(self) -> None:
+        with self._inbox_lock:
+            reports, self._inbox = self._inbox, []
+        changed = None
+        for report, current in reports:
+            if report.generation != self._generation:
+                continue
+            self._rows.extend(report.rows)
+            self.summary = report.summary or self.summary
+            if current and report.status.final and self._rows:
+                self._finish_run(report.status)
+            changed = report, current
+        if changed is not None:
+            self._follow(*changed)
+
+    def _follow(self, report: Progress, current: bool) -> None:
+        before = (self.status, self.message, self.error)
+        if current:
+            self.status, self.real_factor = report.status, report.real_factor
+            if report.status is Status.RUNNING:
+                self.error = None
+        news = report.frame is not None and report.frame is not self.frame
+        if report.frame is not None:
+            self.frame = report.frame
+        self.message = self._in_words()
+        if news:
+            self._tell(Change.FRAME)
+        if before != (self.status, self.message, self.error):
+            self._tell(Change.STATUS)
+
+    def _in_words(self) -> str:
+        if self.error is not None:
+            return self.error
+        match self.status:
+            case Status.IDLE:
+                return "ready: press play to drive to the goal"
+            case Status.PAUSED:
+                return "paused"
+        words = self.frame.message if self.frame is not None else ""
+        return words or self.status.value.replace("_", " ")
+
+    def _mourn(self, reason: str, restoring: bool) -> None:
+        self.status, self.real_factor = Status.PAUSED, 0.0
+        if restoring:
+            self.error = f"the simulation {reason}; its last state is being restored, press play to go on"
+        else:
+            self.status = Status.STOPPED
+            self.error = f"the simulation {reason} again and again; reset to start anew"
+        self.message = self.error
+        log.error(self.error)
+        self._tell(Change.STATUS)
+
+    def _load(self, playing: bool = False) -> None:
+        """Begin a mission in the present scenario from its start."""
+        self._finish_run(Status.STOPPED)
+        self.frame, self.error, self.real_factor, self.summary = None, None, 0.0, None
+        self.status = Status.RUNNING if playing else Status.IDLE
+        self.message = "getting ready"
+        self._started_at = datetime.now(UTC)
+        self._generation = self._worker.load(self.scenario, self.method, self.seed, self.perception, playing)
+        self._tell(Change.STATUS)
+
+    def _finish_run(self, status: Status) -> None:
+        rows, self._rows = self._rows, []
+        if not rows or self.summary is None:
+            return
+        summary = self.summary | {"status": status.value, "success": status is Status.REACHED}
+        record = (self.scenario_id, self.scenario, summary, rows, self._started_at)
+        self._started_at = datetime.now(UTC)
+
+        async def store() -> None:
+            try:
+                await asyncio.to_thread(self.store.add_run, *record)
+            except StoreError as error:
+                self._refuse(str(error), None)
+
+        self._background(store())
+
+    # documents
+
+    def library(self) -> list[ScenarioEntry]:
+        return self.store.scenarios()
+
+    @property
+    def dirty(self) -> bool:
+        """Whether the scenario differs from what is saved."""
+        return self.scenario is not self._saved
+
+    async def open(self, scenario_id: str) -> None:
+        """Open a shipped or saved scenario. Raises UnknownEntry, ScenarioError."""
+        await self._open_with(lambda: (self.store.load(scenario_id), scenario_id))
+
+    async def open_document(self, scenario: Scenario, scenario_id: str | None = None) -> None:
+        """Open a document; without an id it is new and unsaved."""
+        await self._open_with(lambda: (scenario, scenario_id or self.store.new_id(scenario.name)))
+
+    async def generate(self, family: str, seed: int, size_m: float = 48.0, goal_distance: float = 12.0) -> None:
+        """Open a newly generated scenario. Raises StudioError, ScenarioError."""
+        if family not in set(Family):
+            raise StudioError(f"there is no terrain {family!r:.40}; choose one of {', '.join(Family)}")
+
+        def make() -> tuple[Scenario, str]:
+            scenario = generate(Family(family), seed, size_m=size_m, goal_distance=goal_distance)
+            return scenario, self.store.new_id(scenario.name)
+
+        await self._open_with(make)
+
+    async def import_file(self, path: Path, filename: str, **options) -> str:
+        """Read an uploaded scenario document or survey, save it, open it; returns its id.
+
+        Raises ScenarioError, StoreError."""
+
+        def read() -> tuple[Scenario, str]:
+            if Path(filename).suffix.lower() == ".json":
+                scenario = Scenario.load(path)
+            else:
+                scenario = import_survey(path, name=Path(filename).stem[:60] or "survey", **options)
+            scenario_id = self.store.new_id(scenario.name)
+            self.store.save(scenario_id, scenario)
+            return scenario, scenario_id
+
+        await self._open_with(read)
+        self._tell(Change.LIBRARY)
+        return self.scenario_id
+
+    async def _open_with(self, read: Callable[[], tuple[Scenario, str]]) -> None:
+        self._opening += 1
+        mine = self._opening
+        scenario, scenario_id = await asyncio.to_thread(read)
+        if mine != self._opening:
+            return  # a newer request has overtaken this one
+        self._finish_run(Status.STOPPED)
+        self.scenario, self.scenario_id, self._saved = scenario, scenario_id, scenario
+        self.heightmap = scenario.terrain.heightmap()
+        self._undo.clear()
+        self._redo.clear()
+        self.selection = None
+        self._load()
+        self._tell(Change.OPENED)
+
+    def save(self) -> str:
+        """Save under the present id; a shipped scenario is saved as a copy. Raises StoreError."""
+        if self.store.is_shipped(self.scenario_id):
+            return self.save_as(self.scenario.name)
+        self.store.save(self.scenario_id, self.scenario)
+        self._saved = self.scenario
+        self._tell(Change.LIBRARY, Change.SETTINGS)
+        return self.scenario_id
+
+    def save_as(self, name: str) -> str:
+        """Save under a new name and go on with that. Raises StudioError, StoreError."""
+        try:
+            scenario = self.scenario.revised(name=name)
+        except ScenarioError as error:
+            raise StudioError(str(error)) from None
+        scenario_id = self.store.new_id(name)
+        self.store.save(scenario_id, scenario)
+        self.scenario = self._saved = scenario
+        self.scenario_id = scenario_id
+        self._tell(Change.LIBRARY, Change.SETTINGS)
+        return scenario_id
+
+    def duplicate(self) -> str:
+        """Save a copy and go on with it."""
+        return self.save_as(f"{self.scenario.name[:70]} copy")
+
+    def delete(self, scenario_id: str) -> None:
+        """Delete a saved scenario. Raises StudioError for a shipped one, UnknownEntry."""
+        if self.store.is_shipped(scenario_id):
+            raise StudioError(f"{scenario_id} is shipped with the studio and cannot be deleted", 409)
+        self.store.delete(scenario_id)
+        self._tell(Change.LIBRARY)
+
+    # edits
+
+    @property
+    def can_undo(self) -> bool:
+        return bool(self._undo)
+
+    @property
+    def can_redo(self) -> bool:
+        return bool(self._redo)
+
+    def undo(self) -> None:
+        if not self._undo:
+            raise StudioError("there is nothing to undo", 409)
+        _, before = self._undo.pop()
+        self._redo.append(self.scenario)
+        self._adopt(before)
+
+    def redo(self) -> None:
+        if not self._redo:
+            raise StudioError("there is nothing to redo", 409)
+        self._undo.append((None, self.scenario))
+        self._adopt(self._redo.pop())
+
+    def _edit(self, drag: str | None, **changes: Any) -> None:
+        """Replace fields of the scenario as one undo entry; `drag` merges edits that carry the same token."""
+        try:
+            after = self.scenario.revised(**changes)
+        except ScenarioError as error:
+            raise StudioError(str(error)) from None
+        if "cover" in changes:
+            self._keep_off_the_robot(after)
+        if not (drag is not None and self._undo and self._undo[-1][0] == drag):
+            self._undo.append((drag, self.scenario))
+            del self._undo[:-UNDO_DEPTH]
+        self._redo.clear()
+        self._adopt(after)
+
+    def _keep_off_the_robot(self, after: Scenario) -> None:
+        if self.frame is None:
+            return
+        here = np.array([[self.frame.pose.x, self.frame.pose.y]])
+        known = set(self.scenario.cover)
+        for thing in after.cover:
+            if thing not in known and thing.footprint.distance(here)[0] < HUSKY.circumscribed_radius:
+                raise StudioError(f"the robot stands there: keep {HUSKY.circumscribed_radius:.1f} m away from it", 409)
+
+    def _adopt(self, after: Scenario) -> None:
+        before, self.scenario = self.scenario, after
+        changed = tuple(name for name in LIVE_FIELDS if getattr(before, name) != getattr(after, name))
+        moved_goal = "goal" in changed
+        if before.start != after.start and self.status is Status.IDLE:
+            self._load()
+        elif changed:
+            self._worker.edit(after, changed, goal_set=moved_goal)
+            if moved_goal and self.status in (Status.REACHED, Status.TIMEOUT, Status.STUCK, Status.UNREACHABLE):
+                self.status = Status.RUNNING
+        if self.selection is not None and not self._exists(self.selection):
+            self.selection = None
+            self._tell(Change.SELECTED)
+        self._tell(Change.EDITED)
+
+    def set_goal(self, x: float, y: float, *, drag: str | None = None) -> None:
+        self._edit(drag, goal=self._validated(Point, {"x": x, "y": y}))
+
+    def set_start(self, x: float, y: float, yaw_deg: float | None = None, *, drag: str | None = None) -> None:
+        yaw = self.scenario.start.yaw if yaw_deg is None else yaw_deg
+        self._edit(drag, start=self._validated(Start, {"x": x, "y": y, "yaw": yaw}))
+
+    def add_observer(self, spec: ObserverSpec) -> Observer:
+        return self._add(Kind.OBSERVER, spec)
+
+    def update_observer(self, id: int, changes: dict[str, Any], *, drag: str | None = None) -> Observer:
+        return self._update(Kind.OBSERVER, id, changes, drag)
+
+    def delete_observer(self, id: int) -> None:
+        self.remove(Selection(Kind.OBSERVER, id))
+
+    def add_cover(self, spec: CoverSpec) -> CoverObject:
+        return self._add(Kind.COVER, spec)
+
+    def update_cover(self, id: int, changes: dict[str, Any], *, drag: str | None = None) -> CoverObject:
+        return self._update(Kind.COVER, id, changes, drag)
+
+    def delete_cover(self, id: int) -> None:
+        self.remove(Selection(Kind.COVER, id))
+
+    def add_obstacle(self, spec: ObstacleSpec) -> MovingObstacle:
+        return self._add(Kind.OBSTACLE, spec)
+
+    def update_obstacle(self, id: int, changes: dict[str, Any], *, drag: str | None = None) -> MovingObstacle:
+        return self._update(Kind.OBSTACLE, id, changes, drag)
+
+    def delete_obstacle(self, id: int) -> None:
+        self.remove(Selection(Kind.OBSTACLE, id))
+
+    def _add(self, kind: Kind, spec: Document) -> Any:
+        collection = COLLECTIONS[kind]
+        things = getattr(self.scenario, collection.field)
+        number = max((thing.id for thing in things), default=0) + 1
+        thing = self._validated(collection.model, spec.model_dump() | {"id": number})
+        self._edit(None, **{collection.field: (*things, thing)})
+        return thing
+
+    def _update(self, kind: Kind, id: int, changes: dict[str, Any], drag: str | None) -> Any:
+        old = self.find(Selection(kind, id))
+        if "id" in changes and changes["id"] != id:
+            raise StudioError("id: cannot be changed")
+        collection = COLLECTIONS[kind]
+        new = self._validated(collection.model, old.model_dump() | changes)
+        things = getattr(self.scenario, collection.field)
+        self._edit(drag, **{collection.field: tuple(new if thing.id == id else thing for thing in things)})
+        return new
+
+    def remove(self, selection: Selection) -> None:
+        """Delete an observer, cover object or moving obstacle. Raises StudioError."""
+        collection = COLLECTIONS.get(selection.kind)
+        if collection is None:
+            raise StudioError(f"the {selection.kind} cannot be deleted; move it instead", 409)
+        gone = self.find(selection)
+        things = getattr(self.scenario, collection.field)
+        self._edit(None, **{collection.field: tuple(thing for thing in things if thing is not gone)})
+
+    def find(self, selection: Selection) -> Any:
+        """The selected part of the scenario. Raises StudioError (404)."""
+        if selection.kind in (Kind.START, Kind.GOAL):
+            return getattr(self.scenario, selection.kind)
+        collection = COLLECTIONS[selection.kind]
+        for thing in getattr(self.scenario, collection.field):
+            if thing.id == selection.id:
+                return thing
+        raise StudioError(f"there is no {collection.noun} {selection.id}", 404)
+
+    def _exists(self, selection: Selection) -> bool:
+        try:
+            return self.find(selection) is not None
+        except StudioError:
+            return False
+
+    def _validated(self, model: type[Document], fields: dict[str, Any]) -> Any:
+        try:
+            return model.model_validate(fields)
+        except ValidationError as error:
+            raise StudioError(first_message(error)) from None
+
+    def select(self, selection: Selection | None) -> None:
+        if selection is not None:
+            self.find(selection)
+        if selection != self.selection:
+            self.selection = selection
+            self._tell(Change.SELECTED)
+
+    # the mission
+
+    def play(self) -> None:
+        """Drive; a mission that is over starts again."""
+        if self.status.final:
+            self._load(playing=True)
+            return
+        self._worker.play(True)
+        self._become(Status.RUNNING)
+
+    def pause(self) -> None:
+        if self.status is Status.RUNNING:
+            self._worker.play(False)
+            self._become(Status.PAUSED)
+
+    def step(self) -> None:
+        """One control tick, then pause."""
+        if self.status.final:
+            raise StudioError("the mission is over: set a new goal or reset", 409)
+        self._worker.step()
+        self._become(Status.PAUSED)
+
+    def reset(self) -> None:
+        """Back to the start of the scenario as it is now."""
+        self._load()
+
+    def stop(self) -> None:
+        """End the mission where the robot is."""
+        if not self.status.final:
+            self._worker.stop()
+
+    def _become(self, status: Status) -> None:
+        self.status = status
+        self.error = None if status is Status.RUNNING else self.error
+        self.message = self._in_words()
+        self._tell(Change.STATUS)
+
+    def set_pose(self, x: float, y: float, yaw_deg: float) -> None:
+        """Put the robot somewhere on the ground."""
+        place = self._validated(Start, {"x": x, "y": y, "yaw": yaw_deg})
+        reason = why_not_standing(self.heightmap, self.scenario.cover, place.x, place.y)
+        if reason:
+            raise StudioError(f"the robot's place {reason}")
+        self._worker.set_pose(place.x, place.y, math.radians(place.yaw))
+
+    def set_method(self, name: str) -> None:
+        if name not in METHODS:
+            raise StudioError(f"there is no method {name!r:.40}; choose one of {', '.join(METHODS)}", 404)
+        self.method = name
+        self._worker.set_method(name)
+        self._tell(Change.SETTINGS)
+
+    def set_perception(self, mode: str) -> None:
+        if mode not in set(Perception):
+            raise StudioError(f"there is no perception {mode!r:.40}; choose one of {', '.join(Perception)}")
+        self.perception = Perception(mode)
+        self._worker.set_perception(self.perception)
+        self._tell(Change.SETTINGS)
+
+    def set_speed(self, factor: float) -> None:
+        """Simulated seconds a second, 1/8 to 8."""
+        low, high = SPEEDS
+        if not low <= factor <= high:
+            raise StudioError(f"speed must be {low:g} to {high:g}, got {factor:g}")
+        self.speed = float(factor)
+        self._worker.set_speed(self.speed)
+        self._tell(Change.SETTINGS)
+
+    def set_seed(self, seed: int) -> None:
+        """The seed of sensors and noise; a mission that has begun keeps its own until the next reset."""
+        if not 0 <= seed < 2**63:
+            raise StudioError(f"seed must be 0 to {2**63 - 1}, got {seed}")
+        self.seed = int(seed)
+        if self.status is Status.IDLE:
+            self._load()
+        self._tell(Change.SETTINGS)
+
+    def off_the_map(self, x: float, y: float) -> str | None:
+        """Why a point is not on this map, or None where it is."""
+        return None if self.heightmap.contains(x, y) else off_the_map(self.heightmap, x, y)
