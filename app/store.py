@@ -173,7 +173,8 @@ class Store:
         try:
             with closing(self._connect()) as database, database:
                 cursor = database.execute(
-                    "INSERT INTO runs (started_at, scenario_id, scenario, summary, frames) VALUES (?, ?, ?, ?, ?)",
+                    "INSERT INTO runs (started_at, scenario_id, scenario, summary, frames)"
+                    " VALUES (?, ?, ?, ?, ?)",
                     record,
                 )
                 return int(cursor.lastrowid or 0)

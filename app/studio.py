@@ -11,7 +11,7 @@ import inspect
 import logging
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -51,6 +51,7 @@ log = logging.getLogger(__name__)
 UNDO_DEPTH = 200
 SPEEDS = (0.125, 8.0)
 DEFAULT_METHOD = "least_cost"
+DRIVES_ON = (Status.REACHED, Status.TIMEOUT, Status.STUCK, Status.UNREACHABLE)  # at a new goal
 LIVE_FIELDS = ("goal", "cover", "observers", "obstacles")
 
 
@@ -60,6 +61,9 @@ class StudioError(ValueError):
     def __init__(self, message: str, status: int = 422) -> None:
         super().__init__(message)
         self.status = status
+
+
+REFUSALS = (StudioError, ScenarioError, StoreError, UnknownEntry)
 
 
 class Change(StrEnum):
@@ -136,7 +140,7 @@ class Studio:
         """Start the mission process and load the scenario."""
         self._loop = asyncio.get_running_loop()
         self._load()
-        await asyncio.to_thread(self._worker.start)
+        self._worker.start()
 
     async def close(self) -> None:
         """Store the present run, end the mission process."""
@@ -167,24 +171,26 @@ class Studio:
         self._loop.call_soon_threadsafe(self._run_posted, command, args, kwargs, on_error)
 
     def _run_posted(self, command: Callable, args, kwargs, on_error) -> None:
-        async def run() -> None:
-            try:
-                result = command(*args, **kwargs)
-                if inspect.isawaitable(result):
-                    await result
-            except (StudioError, ScenarioError, StoreError, UnknownEntry) as error:
-                self._refuse(str(error), on_error)
-            except Exception:
-                log.exception("a command failed")
-                self._refuse("that failed for a reason of ours; the server's log has it", on_error)
-
-        if inspect.iscoroutinefunction(command):
-            self._background(run())
-            return
         try:
-            run().send(None)  # a plain command finishes here, in the order it was posted
-        except StopIteration:
-            pass
+            result = command(*args, **kwargs)
+        except Exception as error:
+            self._report_failure(error, on_error)
+            return
+        if inspect.isawaitable(result):
+            self._background(self._finish_posted(result, on_error))
+
+    async def _finish_posted(self, result: Awaitable, on_error) -> None:
+        try:
+            await result
+        except Exception as error:
+            self._report_failure(error, on_error)
+
+    def _report_failure(self, error: Exception, on_error: Callable[[str], None] | None) -> None:
+        if isinstance(error, REFUSALS):
+            self._refuse(str(error), on_error)
+        else:
+            log.error("a command failed", exc_info=error)
+            self._refuse("that failed for a reason of ours; the server's log has it", on_error)
 
     def _refuse(self, message: str, on_error: Callable[[str], None] | None) -> None:
         if on_error is not None:
@@ -313,7 +319,9 @@ class Studio:
         """Open a document; without an id it is new and unsaved."""
         await self._open_with(lambda: (scenario, scenario_id or self.store.new_id(scenario.name)))
 
-    async def generate(self, family: str, seed: int, size_m: float = 48.0, goal_distance: float = 12.0) -> None:
+    async def generate(
+        self, family: str, seed: int, size_m: float = 48.0, goal_distance: float = 12.0
+    ) -> None:
         """Open a newly generated scenario. Raises StudioError, ScenarioError."""
         if family not in set(Family):
             raise StudioError(f"there is no terrain {family!r:.40}; choose one of {', '.join(Family)}")
@@ -432,9 +440,10 @@ class Studio:
             return
         here = np.array([[self.frame.pose.x, self.frame.pose.y]])
         known = set(self.scenario.cover)
+        room = HUSKY.circumscribed_radius
         for thing in after.cover:
-            if thing not in known and thing.footprint.distance(here)[0] < HUSKY.circumscribed_radius:
-                raise StudioError(f"the robot stands there: keep {HUSKY.circumscribed_radius:.1f} m away from it", 409)
+            if thing not in known and thing.footprint.distance(here)[0] < room:
+                raise StudioError(f"the robot stands there: keep {room:.1f} m away from it", 409)
 
     def _adopt(self, after: Scenario) -> None:
         before, self.scenario = self.scenario, after
@@ -444,7 +453,7 @@ class Studio:
             self._load()
         elif changed:
             self._worker.edit(after, changed, goal_set=moved_goal)
-            if moved_goal and self.status in (Status.REACHED, Status.TIMEOUT, Status.STUCK, Status.UNREACHABLE):
+            if moved_goal and self.status in DRIVES_ON:
                 self.status = Status.RUNNING
         if self.selection is not None and not self._exists(self.selection):
             self.selection = None

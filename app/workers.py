@@ -7,6 +7,7 @@ from, and refusals. A dead or silent child is replaced and given the last snapsh
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -238,10 +239,8 @@ def _child_main(pipe: connection.Connection, parent_end: connection.Connection) 
     parent_end.close()  # else this end would keep the pipe open after the server has gone
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's to handle
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    try:
+    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the server has gone
         _Child(pipe).run()
-    except (EOFError, BrokenPipeError, ConnectionResetError):
-        pass
 
 
 @dataclass
@@ -290,7 +289,7 @@ class MissionWorker:
         return self._running.process.pid if self._running else None
 
     def start(self) -> None:
-        self._spawn()
+        """Watch over the child that the first `load` starts."""
         self._thread.start()
 
     def close(self) -> None:
@@ -307,7 +306,9 @@ class MissionWorker:
         if self._thread.is_alive():
             self._thread.join(2.0)
 
-    def load(self, scenario: Scenario, method: str, seed: int, perception: Perception, playing: bool = False) -> int:
+    def load(
+        self, scenario: Scenario, method: str, seed: int, perception: Perception, playing: bool = False
+    ) -> int:
         """Begin a mission anew; returns the generation that its reports will carry."""
         with self._guard:
             self._generation += 1
