@@ -207,8 +207,8 @@ def _run(arguments: argparse.Namespace) -> None:
     if arguments.json != "-":
         ratio = summary["trajectory_length_m"] / max(summary["straight_line_m"], 1e-9)
         print(
-            f"{summary['status']}: {summary['trajectory_length_m']:.1f} m in {summary['execution_time_s']:.1f} s"
-            f" ({ratio:.2f} × the straight line), planner {summary['planner_ms_p50']:.1f} ms"
+            f"{summary['status']}: {summary['trajectory_length_m']:.1f} m"
+            f" in {summary['execution_time_s']:.1f} s ({ratio:.2f} × the straight line), planner {summary['planner_ms_p50']:.1f} ms"
         )
 
 
@@ -321,7 +321,8 @@ def _show(arguments: argparse.Namespace) -> None:
     ground = scenario.terrain.heightmap()
     west, east, south, north = ground.bounds
     print(f"{scenario.name}\n{scenario.description}")
-    print(f"map      {east - west:g} × {north - south:g} m at {ground.resolution:g} m, relief {ground.relief:.1f} m")
+    size = f"{east - west:g} × {north - south:g} m at {ground.resolution:g} m"
+    print(f"map      {size}, relief {ground.relief:.1f} m")
     print(f"start    ({scenario.start.x:g}, {scenario.start.y:g}) facing {scenario.start.yaw:g}°")
     print(f"goal     ({scenario.goal.x:g}, {scenario.goal.y:g})")
     print(

@@ -20,13 +20,12 @@ from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
-from scenes.families import generate
-from scenes.survey import import_survey
 
 from app.store import ScenarioEntry, Store, StoreError, UnknownEntry
 from app.workers import MissionWorker, Progress
 from planner.frames import Frame, Perception, Status
 from planner.methods import METHODS
+from scenes.families import generate
 from scenes.robot import HUSKY
 from scenes.scenario import (
     CoverObject,
@@ -45,6 +44,7 @@ from scenes.scenario import (
     off_the_map,
     why_not_standing,
 )
+from scenes.survey import import_survey
 
 log = logging.getLogger(__name__)
 

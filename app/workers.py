@@ -18,9 +18,8 @@ from dataclasses import dataclass, field
 from multiprocessing import connection
 from typing import Any
 
-from planner.mission import Mission, MissionSnapshot
-
 from planner.frames import Frame, Perception, Status
+from planner.mission import Mission, MissionSnapshot
 from scenes.scenario import Scenario
 
 FRAME_PERIOD_S = 1.0 / 15.0  # what the view can use

@@ -66,10 +66,12 @@ def specs(
     ]
 
 
-def evaluate(wanted: Sequence[MissionSpec], jobs: int, journal: Path | None = None) -> Iterator[dict[str, Any]]:
+def evaluate(
+    wanted: Sequence[MissionSpec], jobs: int, journal: Path | None = None
+) -> Iterator[dict[str, Any]]:
     """Drive the missions on `jobs` processes and yield each as it is finished.
 
-    With a journal (JSON lines) finished missions are kept there, and those that it holds are not driven again.
+    With a journal (JSON lines) finished missions are kept there, and those it holds are not driven again.
     Raises OSError where the journal cannot be written, ValueError where it is damaged.
     """
     done = dict(_read(journal)) if journal is not None else {}
@@ -103,7 +105,8 @@ def _read(journal: Path) -> Iterator[tuple[MissionSpec, dict[str, Any]]]:
                 result["goal_distance"],
             )
         except (ValueError, KeyError, TypeError):
-            raise ValueError(f"{journal}, line {number}: not a finished mission; move the file away") from None
+            problem = f"{journal}, line {number}: not a finished mission; move the file away"
+            raise ValueError(problem) from None
         yield spec, result
 
 

@@ -1,0 +1,182 @@
+"""The ground as it is drawn: a relief with a painted texture, the map's cut edge, and sheets of water."""
+
+from __future__ import annotations
+
+import io
+import math
+
+import numpy as np
+from PIL import Image
+from scipy import ndimage
+
+from app.view import palette
+from app.view.glb import Surface as Mesh
+from app.view.glb import glb
+from scenes.terrain import QUALITIES, SURFACES, Heightmap, Quality, Surface
+
+MAX_DRAWN = 360
+MAX_TEXTURE = 1536
+SKIRT = 1.2
+CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 25.0, 50.0)
+SUN = np.array([-0.5, 0.6, 0.62]) / np.linalg.norm([-0.5, 0.6, 0.62])
+
+
+def terrain_glb(heightmap: Heightmap) -> bytes:
+    """The relief with its texture and the earth that shows at the map's cut edge."""
+    drawn = coarsened(heightmap)
+    return glb(_relief(drawn, paint(heightmap)), _skirt(drawn))
+
+
+def coarsened(heightmap: Heightmap) -> Heightmap:
+    """The same ground with at most `MAX_DRAWN` samples a side, resampled over the same bounds."""
+    rows, cols = heightmap.shape
+    step = max(rows, cols) / MAX_DRAWN
+    if step <= 1.0:
+        return heightmap
+    size = (round((rows - 1) / step) + 1, round((cols - 1) / step) + 1)
+    resolution = heightmap.resolution * (cols - 1) / (size[1] - 1)
+    v = np.linspace(0, rows - 1, size[0])
+    u = np.linspace(0, cols - 1, size[1])
+    grid = np.meshgrid(v, u, indexing="ij")
+    near = np.ix_(np.rint(v).astype(int), np.rint(u).astype(int))
+    heights = ndimage.map_coordinates(heightmap.heights, grid, order=1)
+    return Heightmap(heights, resolution, heightmap.surface[near], heightmap.quality[near])
+
+
+def _relief(ground: Heightmap, texture: bytes) -> Mesh:
+    vertices, faces = ground.triangles()
+    rows, cols = ground.shape
+    dy, dx = np.gradient(ground.heights, ground.resolution)
+    normals = np.dstack([-dx, -dy, np.ones_like(dx)]).reshape(-1, 3)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    v, u = np.mgrid[0:rows, 0:cols]
+    uv = np.column_stack([(u.ravel() + 0.5) / cols, 1.0 - (v.ravel() + 0.5) / rows])
+    return Mesh(vertices, faces, normals=normals, uv=uv, texture=texture, roughness=1.0)
+
+
+def _skirt(ground: Heightmap) -> Mesh:
+    """Vertical walls about the map, down to a level floor, so that it reads as a block of land."""
+    floor = float(ground.heights.min()) - SKIRT
+    vertices, _ = ground.triangles()
+    rows, cols = ground.shape
+    index = np.arange(rows * cols).reshape(rows, cols)
+    loop = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])
+    top = vertices[loop]
+    bottom = np.column_stack([top[:, :2], np.full(len(top), floor)])
+    n = np.arange(len(loop))
+    following = np.roll(n, -1)
+    low, low_next = n + len(loop), following + len(loop)
+    faces = np.concatenate([np.column_stack([n, low, low_next]), np.column_stack([n, low_next, following])])
+    shade = np.concatenate([np.full(len(loop), 1.0), np.full(len(loop), 0.55)])
+    colours = (np.array(palette.EARTH)[None] * shade[:, None]).astype(np.uint8)
+    return Mesh(np.concatenate([top, bottom]), faces, colours, double_sided=True)
+
+
+def paint(heightmap: Heightmap) -> bytes:
+    """The ground's texture as a JPEG, north at the top: surface colours with soft ragged borders, a light
+    hill shade, contour lines, and grey hatching where the survey interpolated or has nothing."""
+    rows, cols = heightmap.shape
+    scale = min(8.0, MAX_TEXTURE / max(rows, cols))
+    size = (max(round(rows * scale), 2), max(round(cols * scale), 2))
+    metre = size[1] / (cols * heightmap.resolution)
+    rng = np.random.default_rng(7)
+    v, u = np.meshgrid(
+        (np.arange(size[0]) + 0.5) * rows / size[0] - 0.5,
+        (np.arange(size[1]) + 0.5) * cols / size[1] - 0.5,
+        indexing="ij",
+    )
+    wobble = 0.22 / heightmap.resolution
+    ragged = (v + wobble * _noise(size, metre, 0.6, rng), u + wobble * _noise(size, metre, 0.6, rng))
+    image = _surface_colours(heightmap, ragged, metre)
+    mottle = 0.55 * _noise(size, metre, 4.0, rng) + 0.3 * _noise(size, metre, 0.8, rng)
+    grain = _noise(size, metre, 0.08, rng)
+    heights = ndimage.map_coordinates(heightmap.heights, (v, u), order=1, mode="nearest")
+    smooth = ndimage.gaussian_filter(heights, 0.5 * scale)
+    shade = _hill_shade(smooth, metre)
+    image *= (shade * (1.0 + 0.06 * mottle + 0.035 * grain))[..., None]
+    image *= (1.0 - _contours(smooth, heightmap.relief))[..., None]
+    _hatch(image, heightmap, (v, u))
+    pixels = np.clip(image, 0, 255).astype(np.uint8)[::-1]
+    with io.BytesIO() as buffer:
+        Image.fromarray(pixels).save(buffer, "JPEG", quality=86)
+        return buffer.getvalue()
+
+
+def _surface_colours(heightmap: Heightmap, where: tuple[np.ndarray, np.ndarray], metre: float) -> np.ndarray:
+    table = np.array([palette.GROUND[surface] for surface in SURFACES], float)
+    row = np.clip(np.rint(where[0]).astype(int), 0, heightmap.shape[0] - 1)
+    col = np.clip(np.rint(where[1]).astype(int), 0, heightmap.shape[1] - 1)
+    image = table[heightmap.surface[row, col]]
+    return ndimage.gaussian_filter(image, (0.06 * metre, 0.06 * metre, 0))
+
+
+def _noise(size: tuple[int, int], metre: float, wavelength: float, rng: np.random.Generator) -> np.ndarray:
+    """Smooth noise of about unit spread whose features are `wavelength` metres apart."""
+    step = max(wavelength * metre, 1.0)
+    coarse = rng.standard_normal((math.ceil(size[0] / step) + 3, math.ceil(size[1] / step) + 3))
+    v = np.arange(size[0]) / step
+    u = np.arange(size[1]) / step
+    return ndimage.map_coordinates(coarse, np.meshgrid(v + 1, u + 1, indexing="ij"), order=1)
+
+
+def _hill_shade(heights: np.ndarray, metre: float) -> np.ndarray:
+    dy, dx = np.gradient(heights, 1.0 / metre)
+    facing = (SUN[2] - SUN[0] * dx - SUN[1] * dy) / np.sqrt(1.0 + dx**2 + dy**2)
+    return np.clip(1.0 + 0.9 * (facing - SUN[2]), 0.55, 1.35)
+
+
+def _contours(heights: np.ndarray, relief: float) -> np.ndarray:
+    """Darkening in 0 to 1 along about a dozen contour lines of even width; every fifth is stronger."""
+    interval = next((step for step in CONTOURS if relief / step <= 14), 100.0)
+    if relief < 0.05:
+        return np.zeros_like(heights)
+    dy, dx = np.gradient(heights)
+    steepness = np.maximum(np.hypot(dx, dy), 1e-6)
+
+    def lines(step: float, width: float) -> np.ndarray:
+        away = np.abs((heights / step + 0.5) % 1.0 - 0.5) * step / steepness
+        visible = np.clip(steepness / (0.004 * step), 0.0, 1.0)
+        return visible * np.clip(width - away, 0.0, 1.0)
+
+    return np.maximum(0.12 * lines(interval, 1.2), 0.2 * lines(5 * interval, 1.6))
+
+
+def _hatch(image: np.ndarray, heightmap: Heightmap, where: tuple[np.ndarray, np.ndarray]) -> None:
+    if not heightmap.quality.any():
+        return
+    row = np.clip(np.rint(where[0]).astype(int), 0, heightmap.shape[0] - 1)
+    col = np.clip(np.rint(where[1]).astype(int), 0, heightmap.shape[1] - 1)
+    quality = heightmap.quality[row, col]
+    stripe = ((np.add.outer(np.arange(image.shape[0]), np.arange(image.shape[1])) // 5) % 3 == 0)[..., None]
+    grey = np.array(palette.NO_DATA, float)
+    missing = (quality == QUALITIES.index(Quality.MISSING))[..., None]
+    guessed = (quality == QUALITIES.index(Quality.INTERPOLATED))[..., None]
+    image[:] = np.where(missing, grey * np.where(stripe, 0.82, 1.0), image)
+    image[:] = np.where(guessed & stripe, 0.6 * image + 0.4 * grey, image)
+
+
+def water_glb(heightmap: Heightmap) -> bytes | None:
+    """A level, slightly clear sheet over each stretch of water, or None where the map has none."""
+    wet = heightmap.surface == SURFACES.index(Surface.WATER)
+    if not wet.any():
+        return None
+    pools, count = ndimage.label(wet, structure=np.ones((3, 3)))
+    x, y = heightmap.xy()
+    half = 0.5 * heightmap.resolution
+    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    vertices, faces = [], []
+    for pool in range(1, count + 1):
+        inside = pools == pool
+        level = float(np.quantile(heightmap.heights[inside], 0.9)) + 0.03
+        centres = np.column_stack([x[inside], y[inside]])
+        quads = (centres[:, None] + corners).reshape(-1, 2)
+        start = sum(len(v) for v in vertices)
+        first = start + 4 * np.arange(len(centres))[:, None]
+        vertices.append(np.column_stack([quads, np.full(len(quads), level)]))
+        faces.append(np.concatenate([first + (0, 1, 2), first + (0, 2, 3)]))
+    everything = np.concatenate(vertices)
+    colours = np.tile(np.array([*palette.WATER, 190], np.uint8), (len(everything), 1))
+    normals = np.tile((0.0, 0.0, 1.0), (len(everything), 1))
+    return glb(
+        Mesh(everything, np.concatenate(faces), colours, normals, blended=True, roughness=0.25)
+    )

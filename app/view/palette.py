@@ -1,0 +1,93 @@
+"""The colours of the studio: one meaning, one colour, in the scene, the panel and the page alike.
+
+Seen is orange, hidden blue-green, unknown grey. Cost is a scale of one hue that darkens, so it reads
+without colour vision and never collides with the two. Colours are sRGB, 0 to 255.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.frames import Rejection
+from scenes.terrain import Surface
+
+RGB = tuple[int, int, int]
+
+GROUND: dict[Surface, RGB] = {
+    Surface.GRASS: (111, 121, 82),
+    Surface.TRAIL: (163, 144, 111),
+    Surface.GRAVEL: (146, 141, 131),
+    Surface.MUD: (104, 86, 66),
+    Surface.SAND: (194, 176, 134),
+    Surface.ROCK: (124, 120, 113),
+    Surface.ASPHALT: (88, 89, 92),
+    Surface.WATER: (74, 92, 92),
+}
+WATER: RGB = (72, 128, 150)
+NO_DATA: RGB = (112, 114, 118)
+EARTH: RGB = (66, 56, 47)
+BACKDROP_TOP: RGB = (30, 37, 46)
+BACKDROP_BOTTOM: RGB = (66, 75, 84)
+
+SEEN: RGB = (240, 145, 40)
+HIDDEN: RGB = (38, 160, 150)
+UNKNOWN: RGB = (150, 152, 156)
+
+GOAL: RGB = (244, 206, 66)
+START: RGB = (196, 206, 214)
+SELECTED: RGB = (255, 255, 255)
+CHOSEN_COVER: RGB = HIDDEN
+DETECTION: RGB = (214, 226, 240)
+
+CHOSEN_ARC: RGB = (255, 246, 150)
+CANDIDATE_ARC: RGB = (190, 198, 190)
+WAYPOINT: RGB = (120, 200, 255)
+ROUTE: RGB = (120, 200, 255)
+TRAVELLED: RGB = (236, 240, 244)
+SCAN_LOW: RGB = (92, 150, 214)
+SCAN_HIGH: RGB = (226, 242, 255)
+
+REJECTED: dict[Rejection, RGB] = {
+    Rejection.COLLISION: (202, 64, 84),
+    Rejection.CANNOT_STOP: (222, 140, 158),
+    Rejection.MOVING_OBSTACLE: (178, 108, 206),
+    Rejection.SLOPE: (134, 94, 60),
+    Rejection.TILT: (196, 158, 92),
+    Rejection.UNKNOWN_GROUND: (132, 136, 142),
+    Rejection.OFF_THE_MAP: (62, 66, 74),
+}
+REJECTION_WORDS: dict[Rejection, str] = {
+    Rejection.COLLISION: "would collide",
+    Rejection.CANNOT_STOP: "could not stop in time",
+    Rejection.MOVING_OBSTACLE: "crosses a moving obstacle",
+    Rejection.SLOPE: "too steep",
+    Rejection.TILT: "would tilt too far",
+    Rejection.UNKNOWN_GROUND: "unknown ground",
+    Rejection.OFF_THE_MAP: "leaves the map",
+}
+
+_COST_STOPS = np.array(
+    [(238, 226, 246), (206, 178, 226), (164, 122, 200), (118, 66, 168), (72, 22, 124)], float
+)
+COST_FORBIDDEN: RGB = (34, 8, 58)
+COST_FULL = 100.0
+
+
+def cost_colours(cost: np.ndarray) -> np.ndarray:
+    """(..., 4) uint8 RGBA of costs in 0 to 100: pale and nearly clear where cheap, deep violet where dear,
+    darkest where forbidden (inf), clear where unknown (NaN)."""
+    share = np.clip(np.nan_to_num(cost, nan=0.0, posinf=COST_FULL) / COST_FULL, 0.0, 1.0)
+    position = share * (len(_COST_STOPS) - 1)
+    low = np.minimum(position.astype(int), len(_COST_STOPS) - 2)
+    part = (position - low)[..., None]
+    rgba = np.empty((*cost.shape, 4), np.uint8)
+    rgba[..., :3] = np.round((1.0 - part) * _COST_STOPS[low] + part * _COST_STOPS[low + 1])
+    rgba[..., 3] = np.round(40 + 165 * np.sqrt(share))
+    forbidden = np.isposinf(cost)
+    rgba[forbidden] = (*COST_FORBIDDEN, 205)
+    rgba[np.isnan(cost), 3] = 0
+    return rgba
+
+
+def css(colour: RGB) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)

@@ -1,0 +1,78 @@
+"""The house has three floors, and imports only go down (app → planner → scenes)."""
+
+import ast
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ALLOWED_BELOW = {"scenes": {"scenes"}, "planner": {"planner", "scenes"}, "app": {"app", "planner", "scenes"}}
+FLOORS = set(ALLOWED_BELOW)
+KEPT_UPSTAIRS = {"fastapi", "starlette", "uvicorn", "viser", "websockets"}
+
+
+def imported(path: Path) -> set[str]:
+    """Top-level names that a module imports, wherever in it."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative imports hide the floor that they lead to"
+            names.add((node.module or "").split(".")[0])
+    return names
+
+
+def modules(floor: str) -> list[Path]:
+    return sorted((ROOT / floor).rglob("*.py"))
+
+
+@pytest.mark.parametrize("floor", sorted(FLOORS))
+def test_imports_only_go_down(floor: str) -> None:
+    for path in modules(floor):
+        climbing = imported(path) & FLOORS - ALLOWED_BELOW[floor]
+        assert not climbing, f"{path.relative_to(ROOT)} imports {climbing}"
+
+
+@pytest.mark.parametrize("floor", ["scenes", "planner"])
+def test_only_the_app_knows_the_web(floor: str) -> None:
+    for path in modules(floor):
+        assert not imported(path) & KEPT_UPSTAIRS, path.relative_to(ROOT)
+
+
+def test_only_the_physics_module_knows_pybullet() -> None:
+    knowing = {
+        str(path.relative_to(ROOT))
+        for floor in FLOORS
+        for path in modules(floor)
+        if imported(path) & {"pybullet", "pybullet_data", "pybullet_utils"}
+    }
+    assert knowing == {"scenes/physics.py"}
+
+
+def test_every_dependency_is_used_and_every_import_declared() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    module_of = {"pillow": "PIL", "python-multipart": "python_multipart"}
+    through_others = {"python_multipart"}  # fastapi's form parser imports it
+    declared = {
+        module_of.get(name, name)
+        for requirement in project["dependencies"]
+        for name in [requirement.split("[")[0].split("=")[0].split(">")[0].strip()]
+    }
+    used = set().union(*(imported(path) for floor in FLOORS for path in modules(floor)))
+    assert declared - through_others <= used, "declared and not used"
+    import sys
+
+    # pybullet brings pybullet_data; starlette is fastapi's own base
+    foreign = used - FLOORS - set(sys.stdlib_module_names) - {"__future__", "pybullet_data", "starlette", "static"}
+    assert foreign <= declared, "used and not declared"
+
+
+def test_the_top_level_holds_nothing_else() -> None:
+    allowed = {"app", "planner", "scenes", "static", "tests", "pyproject.toml", "Dockerfile", "README.md", "LICENSE"}
+    import subprocess
+
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    top = {line.split("/")[0] for line in tracked.splitlines()}
+    assert {name for name in top if not name.startswith(".")} <= allowed
