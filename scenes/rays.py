@@ -1,0 +1,269 @@
+"""One ray engine for lidar, camera and line of sight: Embree over the terrain, the cover and the walkers.
+
+Metres, world frame. Embree works in single precision: distances are good to about 1e-6 of the largest
+coordinate. Everything here is deterministic: the same scene and rays give the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore import EmbreeDevice
+from embreex.rtcore_scene import EmbreeScene
+
+from scenes.catalogue import CATALOGUE
+from scenes.meshes import cover_mesh, cover_pose, walker_mesh
+from scenes.pose import Pose
+from scenes.scenario import CoverObject, MovingObstacle, Observer
+from scenes.terrain import Heightmap
+
+SIGHT_MARGIN = 0.01
+"""Metres at either end of a line of sight in which nothing hides: the eye and the target touch surfaces."""
+
+_STEP = 1e-4  # how far behind a surface, relative to the distance and in metres, a sight line goes on
+
+
+class BodyKind(StrEnum):
+    TERRAIN = "terrain"
+    COVER = "cover"
+    OBSTACLE = "obstacle"
+    OBSERVER = "observer"
+
+
+WALKER_CLASS_ID = {"person": 8, "vehicle": 9, "observer": 10}
+"""Class ids of figures, after those of `scenes.catalogue`."""
+
+GROUND_CLASS_ID = -1
+
+
+@dataclass(frozen=True)
+class Body:
+    """Something a ray can hit; `index` is its label in hits, `id` the thing's own in the scenario.
+
+    opacity : share of a sight line's light that one pass through the body stops
+    """
+
+    index: int
+    kind: BodyKind
+    id: int
+    class_id: int
+    class_name: str
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """The first thing on each of n rays.
+
+    distance : (n,) float32 metres, inf where nothing was hit within range
+    body : (n,) int32 index into `RayScene.bodies`, -1 for a miss
+    triangle : (n,) int32 face of that body's mesh
+    normal : (n, 3) float32 along the face's outward normal, not of unit length; zeros for a miss
+    """
+
+    distance: np.ndarray
+    body: np.ndarray
+    triangle: np.ndarray
+    normal: np.ndarray
+
+
+class _Figure:
+    """A walker's mesh in its own frame, with the sphere about it that spares most rays the query."""
+
+    def __init__(self, kind: str):
+        mesh = walker_mesh(kind)
+        self.scene = _build([(mesh.vertices, mesh.faces)])
+        self.colours = _face_colours(mesh)
+        self.centre = mesh.bounds.mean(axis=0)
+        self.radius = float(np.linalg.norm(mesh.vertices - self.centre, axis=1).max())
+
+
+@dataclass(frozen=True)
+class _Walker:
+    body: Body
+    figure: _Figure
+    pose: Pose
+
+
+class RayScene:
+    """The scenario's world as rays see it.
+
+    Terrain and cover lie in one static tree, built anew when cover changes. Walkers keep a tree for each
+    kind of figure, into whose frame the rays are carried, so that moving them costs nothing.
+    """
+
+    def __init__(self, heightmap: Heightmap, cover: Sequence[CoverObject] = ()):
+        self.heightmap = heightmap
+        self._ground = heightmap.triangles()
+        self._figures: dict[str, _Figure] = {}
+        self._walkers: tuple[_Walker, ...] = ()
+        self.set_cover(cover)
+
+    def set_cover(self, cover: Sequence[CoverObject]) -> None:
+        """Replace all cover objects."""
+        bodies = [Body(0, BodyKind.TERRAIN, 0, GROUND_CLASS_ID, "ground")]
+        self._parts = [self._ground]
+        self._colours: list[np.ndarray] = [np.zeros((0, 3), np.uint8)]
+        for thing in cover:
+            entry = CATALOGUE[thing.kind]
+            bodies.append(
+                Body(len(bodies), BodyKind.COVER, thing.id, entry.class_id, entry.class_name, entry.opacity)
+            )
+            mesh = cover_mesh(thing)
+            vertices = cover_pose(self.heightmap, thing).to_world(np.asarray(mesh.vertices))
+            self._parts.append((vertices, mesh.faces))
+            self._colours.append(_face_colours(mesh))
+        self._static = tuple(bodies)
+        self._scene = _build(self._parts)
+        self._sight: EmbreeScene | None = None
+        self._rename_walkers()
+
+    def set_walkers(
+        self, obstacles: Sequence[MovingObstacle] = (), observers: Sequence[Observer] = (), time_s: float = 0.0
+    ) -> None:
+        """Put the figures of moving obstacles and observers where their beats have them at `time_s`."""
+        walkers = []
+        for kind, things in ((BodyKind.OBSTACLE, obstacles), (BodyKind.OBSERVER, observers)):
+            for thing in things:
+                name = thing.kind.value if isinstance(thing, MovingObstacle) else "observer"
+                if name not in self._figures:
+                    self._figures[name] = _Figure(name)
+                x, y, yaw = thing.pose_at(time_s)
+                pose = Pose(x, y, float(self.heightmap.height_at(x, y)), yaw=yaw)
+                body = Body(0, kind, thing.id, WALKER_CLASS_ID[name], name)
+                walkers.append(_Walker(body, self._figures[name], pose))
+        self._walkers = tuple(walkers)
+        self._rename_walkers()
+
+    def _rename_walkers(self) -> None:
+        first = len(self._static)
+        self._walkers = tuple(
+            _Walker(replace(walker.body, index=first + offset), walker.figure, walker.pose)
+            for offset, walker in enumerate(self._walkers)
+        )
+        self.bodies = self._static + tuple(walker.body for walker in self._walkers)
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray, max_range: float) -> Hits:
+        """The first hit along each ray.
+
+        origins, directions : (n, 3), directions of unit length; surfaces are hit from both sides
+        """
+        origins = np.ascontiguousarray(origins, np.float32)
+        directions = np.ascontiguousarray(directions, np.float32)
+        reach = np.full(len(origins), max_range, np.float32)
+        answer = self._scene.run(origins, directions, dists=reach, output=1)
+        distance, body = answer["tfar"], answer["geomID"]
+        triangle, normal = answer["primID"], answer["Ng"]
+        for walker in self._walkers:
+            rays, found = _cast_at(walker, origins, directions, distance)
+            distance[rays], body[rays] = found["tfar"], walker.body.index
+            triangle[rays] = found["primID"]
+            normal[rays] = found["Ng"] @ walker.pose.rotation.T.astype(np.float32)
+        miss = body < 0
+        distance[miss] = np.inf
+        normal[miss] = 0.0
+        return Hits(distance, body, triangle, normal)
+
+    def colours(self, hits: Hits) -> np.ndarray:
+        """(n, 3) uint8 material colour of what was hit; black for the ground (see its surface map) and misses."""
+        colours = np.zeros((len(hits.body), 3), np.uint8)
+        tables = self._colours + [walker.figure.colours for walker in self._walkers]
+        for index in np.unique(hits.body[hits.body > 0]):
+            rays = hits.body == index
+            colours[rays] = tables[index][hits.triangle[rays]]
+        return colours
+
+    def visible(self, origins: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        """(n,) float32 share of light from 0 to 1 that comes through from targets (n, 3) to eyes (n, 3).
+
+        The ground and solid things stop all of it; trees, bushes and fences let 1 - opacity through, once
+        an object however many of its surfaces the line crosses. Figures of observers never hide: an eye is
+        inside its own. Within `SIGHT_MARGIN` of either end nothing hides.
+        """
+        origins, targets = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(targets))
+        origins = np.asarray(origins, float)
+        offset = np.asarray(targets, float) - origins
+        length = np.linalg.norm(offset, axis=1)
+        directions = offset / np.where(length > 0.0, length, 1.0)[:, None]
+        light = np.ones(len(origins), np.float32)
+        self._hide_behind_walkers(light, origins, directions, length)
+        self._hide_behind_static(light, origins, directions, length - SIGHT_MARGIN)
+        return light
+
+    def _hide_behind_walkers(self, light, origins, directions, length) -> None:
+        starts = (origins + SIGHT_MARGIN * directions).astype(np.float32)
+        reach = np.maximum(length - 2.0 * SIGHT_MARGIN, 0.0).astype(np.float32)
+        for walker in self._walkers:
+            if walker.body.kind is BodyKind.OBSTACLE:
+                rays, _ = _cast_at(walker, starts, directions.astype(np.float32), reach)
+                light[rays] = 0.0
+
+    def _hide_behind_static(self, light, origins, directions, end) -> None:
+        if self._sight is None:
+            self._sight = _build(self._parts, robust=True)
+        opacity = np.array([body.opacity for body in self._static])
+        count = len(self._static)
+        rays = np.flatnonzero((light > 0.0) & (end > SIGHT_MARGIN))
+        start = np.full(len(rays), SIGHT_MARGIN)
+        passed = [np.zeros(0, np.int64)]
+        while len(rays):
+            answer = self._sight.run(
+                (origins[rays] + start[:, None] * directions[rays]).astype(np.float32),
+                directions[rays].astype(np.float32),
+                dists=(end[rays] - start).astype(np.float32),
+                output=1,
+            )
+            body = answer["geomID"]
+            solid = (body >= 0) & (opacity[body] >= 1.0)
+            light[rays[solid]] = 0.0
+            through = (body >= 0) & ~solid
+            rays, start, distance = rays[through], start[through], answer["tfar"][through]
+            passed.append(rays * count + body[through])
+            start = start + distance + _STEP * (1.0 + start + distance)
+            ahead = start < end[rays]
+            rays, start = rays[ahead], start[ahead]
+        ray, body = np.divmod(np.unique(np.concatenate(passed)), count)
+        np.multiply.at(light, ray, (1.0 - opacity[body]).astype(np.float32))
+
+
+def _face_colours(mesh: trimesh.Trimesh) -> np.ndarray:
+    return np.asarray(mesh.visual.face_colors)[:, :3].astype(np.uint8)
+
+
+# One device for all scenes of the process: each keeps its own threads otherwise.
+_DEVICE = EmbreeDevice()
+
+
+def _build(parts: Sequence[tuple[np.ndarray, np.ndarray]], robust: bool = False) -> EmbreeScene:
+    """One tree over meshes of vertices (n, 3) and faces (m, 3); a mesh's place in `parts` is its geomID.
+
+    `robust` closes the hairline between neighbouring triangles, which sight lines along grid lines meet and
+    sensors do not; it costs a fifth of the speed."""
+    scene = EmbreeScene(_DEVICE, robust=robust)
+    for vertices, faces in parts:
+        TriangleMesh(scene, np.asarray(vertices, np.float32), np.asarray(faces, np.int32))
+    return scene
+
+
+def _cast_at(walker: _Walker, origins, directions, reach) -> tuple[np.ndarray, dict]:
+    """Indices of the rays that hit the walker before `reach`, and Embree's answer for them."""
+    rotation = walker.pose.rotation.astype(np.float32)
+    centre = walker.pose.to_world(walker.figure.centre).astype(np.float32)
+    offset = centre - origins
+    along = np.einsum("ij,ij->i", offset, directions)
+    gap = np.einsum("ij,ij->i", offset, offset) - along * along
+    radius = walker.figure.radius
+    rays = np.flatnonzero((gap < 1.01 * radius**2) & (along > -radius) & (along - radius < reach))
+    answer = walker.figure.scene.run(
+        (origins[rays] - walker.pose.position.astype(np.float32)) @ rotation,
+        directions[rays] @ rotation,
+        dists=reach[rays],
+        output=1,
+    )
+    hit = answer["geomID"] >= 0
+    return rays[hit], {name: values[hit] for name, values in answer.items()}
