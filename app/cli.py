@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from app.workers import worker_environment
-
-worker_environment()  # before numpy is loaded, which reads it once
+# one thread a process for the numeric libraries, which read this once: the processes share the cores
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
 
 class Refusal(ValueError):
@@ -208,7 +208,8 @@ def _run(arguments: argparse.Namespace) -> None:
         ratio = summary["trajectory_length_m"] / max(summary["straight_line_m"], 1e-9)
         print(
             f"{summary['status']}: {summary['trajectory_length_m']:.1f} m"
-            f" in {summary['execution_time_s']:.1f} s ({ratio:.2f} × the straight line), planner {summary['planner_ms_p50']:.1f} ms"
+            f" in {summary['execution_time_s']:.1f} s ({ratio:.2f} × the straight line),"
+            f" planner {summary['planner_ms_p50']:.1f} ms"
         )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
 import signal
 import threading
 import time
@@ -452,9 +451,3 @@ def _how_it_ended(exitcode: int | None) -> str:
         except ValueError:
             return f"was ended by signal {-exitcode}"
     return f"ended with exit status {exitcode}" if exitcode is not None else "ended"
-
-
-def worker_environment() -> None:
-    """One thread a process for the numeric libraries: the mission and the server share the cores."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
