@@ -151,16 +151,18 @@ class RayScene:
     def cast(self, origins: np.ndarray, directions: np.ndarray, max_range: float) -> Hits:
         """The first hit along each ray.
 
-        origins, directions : (n, 3), directions of unit length; surfaces are hit from both sides
+        origins : (n, 3), or (3,) for rays that start in one point; directions : (n, 3) of unit length
+        Surfaces are hit from both sides, so a ray that starts inside a thing hits it on its way out.
         """
-        origins = np.ascontiguousarray(origins, np.float32)
         directions = np.ascontiguousarray(directions, np.float32)
+        eye = np.asarray(origins, np.float32)
+        origins = np.ascontiguousarray(np.broadcast_to(eye, directions.shape))
         reach = np.full(len(origins), max_range, np.float32)
         answer = self._scene.run(origins, directions, dists=reach, output=1)
         distance, body = answer["tfar"], answer["geomID"]
         triangle, normal = answer["primID"], answer["Ng"]
         for walker in self._walkers:
-            rays, found = _cast_at(walker, origins, directions, distance)
+            rays, found = _cast_at(walker, eye, directions, distance)
             distance[rays], body[rays] = found["tfar"], walker.body.index
             triangle[rays] = found["primID"]
             normal[rays] = found["Ng"] @ walker.pose.rotation.T.astype(np.float32)
@@ -251,16 +253,18 @@ def _build(parts: Sequence[tuple[np.ndarray, np.ndarray]], robust: bool = False)
 
 
 def _cast_at(walker: _Walker, origins, directions, reach) -> tuple[np.ndarray, dict]:
-    """Indices of the rays that hit the walker before `reach`, and Embree's answer for them."""
+    """Indices of the rays that hit the walker before `reach`, and Embree's answer for them.
+
+    origins : (n, 3), or (3,) for all"""
     rotation = walker.pose.rotation.astype(np.float32)
-    centre = walker.pose.to_world(walker.figure.centre).astype(np.float32)
-    offset = centre - origins
-    along = np.einsum("ij,ij->i", offset, directions)
-    gap = np.einsum("ij,ij->i", offset, offset) - along * along
+    offset = walker.pose.to_world(walker.figure.centre).astype(np.float32) - origins
+    along = directions @ offset if offset.ndim == 1 else np.einsum("ij,ij->i", directions, offset)
+    gap = np.sum(offset * offset, axis=-1) - along * along
     radius = walker.figure.radius
     rays = np.flatnonzero((gap < 1.01 * radius**2) & (along > -radius) & (along - radius < reach))
+    origin = np.broadcast_to(origins, directions.shape)[rays]
     answer = walker.figure.scene.run(
-        (origins[rays] - walker.pose.position.astype(np.float32)) @ rotation,
+        (origin - walker.pose.position.astype(np.float32)) @ rotation,
         directions[rays] @ rotation,
         dists=reach[rays],
         output=1,
