@@ -1,0 +1,228 @@
+"""The inner loop of the dynamic window: roll every candidate arc out and find what it runs into.
+
+Each check walks one whole arc in one call: passing arrays to a function costs more than a step of it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+COLLISION, CANNOT_STOP, MOVING_OBSTACLE, SLOPE, TILT, UNKNOWN_GROUND, OFF_THE_MAP = 1, 2, 3, 4, 5, 6, 7
+
+
+@njit(cache=True)
+def roll_out(
+    v, w, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
+    circles, contact, points, moving, elevation, forbidden, origin, wheels, tilt_limit,
+):  # fmt: skip
+    """Every arc as far as it is free, and why it is not admissible.
+
+    v, w : (n,) m/s, rad/s; start : (3,) x, y, yaw; target : (2,)
+    heading_share : share of a step's turn taken before its translation (0.5: midpoint rule, 1: Euler)
+    braking : (2,) m/s² and rad/s² the robot can surely stop with, 0 for "not at all"; reaction : s
+    creep_speed : m/s at which unknown ground may be entered
+    circles : (c,) offsets of the footprint's circles along the body axis, all with contact distance `contact`
+    points : (m, 3) obstacle points x, y and distance from the start, nearest first
+    moving : (k, 5) discs x, y, vx, vy, contact distance
+    elevation, forbidden : (rows, cols) ground heights (NaN unknown) and untraversable cells, cell [0, 0] at
+        `origin` (x, y, resolution); no rows: the ground is not looked at
+    wheels : (4, 2) contact points front left, front right, rear left, rear right; tilt_limit : tangent
+
+    Returns paths (n, steps + 1, 5) of x, y, yaw and its cosine and sine, heading error at the end of the free part (rad), least distance of a circle
+    centre to a point before contact (m), distance to the target at the end of the free part (m), share of poses
+    with a wheel on unknown ground, greatest tangent of tilt, time free of hazards (s), rejection (int8).
+    """
+    n = v.shape[0]
+    paths = np.empty((n, steps + 1, 5))
+    heading, distance, nearest = np.empty(n), np.empty(n), np.empty(n)
+    unknown_share, tilt, free_time = np.zeros(n), np.zeros(n), np.empty(n)
+    rejection = np.zeros(n, np.int8)
+    here = np.array([start[0], start[1], start[2], math.cos(start[2]), math.sin(start[2])])
+    reach = np.max(np.abs(circles))
+    start_distance = _least_distance(here, circles, points)
+    # Where the robot already touches a margin or stands on bad ground, it may leave but not make it worse.
+    limit = min(contact, start_distance)
+    discs = moving.copy()
+    for j in range(moving.shape[0]):
+        discs[j, 4] = min(moving[j, 4], _least_distance(here, circles, moving[j : j + 1]))
+    bad_start, tilt_start = 0, 0.0
+    if elevation.shape[0] > 0:
+        bad_start, _, _, tilt_start = _ground_under(here, wheels, elevation, forbidden, origin)
+    tilt_limit = max(tilt_limit, tilt_start)
+
+    for i in range(n):
+        path = paths[i]
+        _trace(v[i], w[i], here, dt, heading_share, path)
+        hazard, free, unknown_step = 0, steps, steps
+        if discs.shape[0] > 0:
+            free = _until_moving(path, dt, circles, discs)
+            hazard = MOVING_OBSTACLE if free < steps else 0
+        last, nearest[i] = _until_contact(
+            path, free, abs(v[i]) * dt, circles, reach, limit, points, start_distance
+        )
+        if last < free:
+            hazard, free = COLLISION, last
+        if elevation.shape[0] > 0:
+            kind, free, unknown_share[i], unknown_step, tilt[i] = _until_bad_ground(
+                path, free, wheels, elevation, forbidden, origin, bad_start, tilt_limit
+            )
+            hazard = kind if kind != 0 else hazard
+
+        free_time[i] = free * dt
+        needed = reaction + max(_brake_time(v[i], braking[0]), _brake_time(w[i], braking[1]))
+        if hazard == MOVING_OBSTACLE:
+            # Standing still does not help against what comes nearer.
+            rejection[i] = MOVING_OBSTACLE
+        elif hazard != 0 and free_time[i] < needed:
+            rejection[i] = CANNOT_STOP if hazard == COLLISION and free_time[i] > reaction else hazard
+        elif abs(v[i]) > creep_speed and unknown_step < steps and unknown_step * dt < needed:
+            rejection[i] = UNKNOWN_GROUND
+        dx, dy = target[0] - path[free, 0], target[1] - path[free, 1]
+        error = math.atan2(dy, dx) - path[free, 2]
+        heading[i] = abs(error - 2.0 * math.pi * np.rint(error / (2.0 * math.pi)))
+        distance[i] = math.sqrt(dx * dx + dy * dy)
+    return paths, heading, nearest, distance, unknown_share, tilt, free_time, rejection
+
+
+@njit(cache=True)
+def _trace(v, w, here, dt, heading_share, path):
+    """Write one arc's poses, with the cosine and sine of their yaw, into `path` (steps + 1, 5)."""
+    x, y, yaw, cos, sin = here
+    path[0] = here
+    share_cos, share_sin = math.cos(heading_share * w * dt), math.sin(heading_share * w * dt)
+    turn_cos, turn_sin = math.cos(w * dt), math.sin(w * dt)
+    for k in range(1, path.shape[0]):
+        x += v * dt * (cos * share_cos - sin * share_sin)
+        y += v * dt * (sin * share_cos + cos * share_sin)
+        cos, sin = cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin
+        path[k, 0], path[k, 1], path[k, 2], path[k, 3], path[k, 4] = x, y, yaw + k * w * dt, cos, sin
+
+
+@njit(cache=True)
+def _until_contact(path, last, stride, circles, reach, limit, points, nearest):
+    """Steps up to `last` before a circle's centre comes within `limit` of a point; least distance until then."""
+    for k in range(1, last + 1):
+        best = nearest
+        best_square = best * best
+        for j in range(points.shape[0]):
+            # A point at range r from the start cannot be nearer than this to any circle by now.
+            if points[j, 2] - k * stride - reach >= best:
+                break
+            for c in range(circles.shape[0]):
+                dx = points[j, 0] - path[k, 0] - circles[c] * path[k, 3]
+                dy = points[j, 1] - path[k, 1] - circles[c] * path[k, 4]
+                square = dx * dx + dy * dy
+                if square < best_square:
+                    best_square = square
+                    best = math.sqrt(square)
+        if best < limit:
+            return k - 1, nearest
+        nearest = best
+    return last, nearest
+
+
+@njit(cache=True)
+def _until_moving(path, dt, circles, discs):
+    """Steps before a circle's centre comes within a moving disc's contact distance."""
+    last = path.shape[0] - 1
+    for j in range(discs.shape[0]):
+        for k in range(1, last + 1):
+            disc_x, disc_y = discs[j, 0] + discs[j, 2] * k * dt, discs[j, 1] + discs[j, 3] * k * dt
+            gap = np.inf
+            for c in range(circles.shape[0]):
+                dx = disc_x - path[k, 0] - circles[c] * path[k, 3]
+                dy = disc_y - path[k, 1] - circles[c] * path[k, 4]
+                gap = min(gap, math.sqrt(dx * dx + dy * dy))
+            if gap < discs[j, 4]:
+                last = k - 1
+                break
+    return last
+
+
+@njit(cache=True)
+def _until_bad_ground(path, last, wheels, elevation, forbidden, origin, bad_start, tilt_limit):
+    """What ground stops the arc by step `last` (0: none), the steps before it, the share of those with a wheel on
+    unknown cells, the steps before the first such, and the greatest tangent of tilt."""
+    steps = path.shape[0] - 1
+    unknown_poses, unknown_step, tilt = 0, steps, 0.0
+    for k in range(1, last + 1):
+        bad, unknown, outside, lean = _ground_under(path[k], wheels, elevation, forbidden, origin)
+        kind = 0
+        if outside:
+            kind = OFF_THE_MAP
+        elif bad > bad_start:
+            kind = SLOPE
+        elif lean > tilt_limit:
+            kind = TILT
+        if kind != 0:
+            return kind, k - 1, unknown_poses / steps, unknown_step, tilt
+        tilt = max(tilt, lean)
+        if unknown > 0:
+            unknown_poses += 1
+            unknown_step = min(unknown_step, k - 1)
+    return 0, last, unknown_poses / steps, unknown_step, tilt
+
+
+@njit(cache=True)
+def _least_distance(pose, circles, points):
+    """From the nearest circle's centre to the nearest point."""
+    best = np.inf
+    for j in range(points.shape[0]):
+        for c in range(circles.shape[0]):
+            dx = points[j, 0] - pose[0] - circles[c] * pose[3]
+            dy = points[j, 1] - pose[1] - circles[c] * pose[4]
+            best = min(best, math.sqrt(dx * dx + dy * dy))
+    return best
+
+
+@njit(cache=True)
+def _brake_time(speed, braking):
+    """Time along an arc at `speed` that covers the braking distance speed² / (2 · braking)."""
+    if speed == 0.0:
+        return 0.0
+    if braking <= 0.0:
+        return np.inf
+    return abs(speed) / (2.0 * braking)
+
+
+@njit(cache=True)
+def _ground_under(pose, wheels, elevation, forbidden, origin):
+    """Number of wheels on untraversable cells, on unknown cells, whether one is off the map, tangent of tilt."""
+    rows, cols = elevation.shape
+    bad, unknown = 0, 0
+    along, across = 0.0, 0.0
+    for i in range(4):
+        u = (pose[0] + wheels[i, 0] * pose[3] - wheels[i, 1] * pose[4] - origin[0]) / origin[2]
+        r = (pose[1] + wheels[i, 0] * pose[4] + wheels[i, 1] * pose[3] - origin[1]) / origin[2]
+        col, row = int(np.rint(u)), int(np.rint(r))
+        if row < 0 or row >= rows or col < 0 or col >= cols:
+            return bad, unknown, True, 0.0
+        if forbidden[row, col]:
+            bad += 1
+        if math.isnan(elevation[row, col]):
+            unknown += 1
+        height = _height(u, r, elevation)
+        along += height if i < 2 else -height
+        across += height if i % 2 == 0 else -height
+    along /= 2.0 * (wheels[0, 0] - wheels[2, 0])
+    across /= 2.0 * (wheels[0, 1] - wheels[1, 1])
+    lean = math.sqrt(along * along + across * across)
+    return bad, unknown, False, 0.0 if math.isnan(lean) else lean
+
+
+@njit(cache=True)
+def _height(u, r, elevation):
+    """Bilinear height at column u, row r; the nearest cell's where a neighbour is unknown."""
+    rows, cols = elevation.shape
+    col = min(max(int(math.floor(u)), 0), cols - 2)
+    row = min(max(int(math.floor(r)), 0), rows - 2)
+    du, dr = min(max(u - col, 0.0), 1.0), min(max(r - row, 0.0), 1.0)
+    south = (1.0 - du) * elevation[row, col] + du * elevation[row, col + 1]
+    north = (1.0 - du) * elevation[row + 1, col] + du * elevation[row + 1, col + 1]
+    height = (1.0 - dr) * south + dr * north
+    if math.isnan(height):
+        height = elevation[int(np.rint(r)), int(np.rint(u))]
+    return height
