@@ -143,6 +143,31 @@ class Footprint:
         outside = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
         return outside + np.minimum(np.maximum(along, across), 0.0)
 
+    def gap(self, other: Footprint) -> float:
+        """Metres between two outlines, negative where they overlap."""
+        if self.round:
+            return float(other.distance(np.array([[self.x, self.y]]))[0]) - 0.5 * self.length
+        if other.round:
+            return other.gap(self)
+        ours, theirs = self.corners, other.corners
+        separation = -np.inf
+        for yaw in (self.yaw, self.yaw + 0.5 * np.pi, other.yaw, other.yaw + 0.5 * np.pi):
+            axis = np.array([np.cos(yaw), np.sin(yaw)])
+            a, b = ours @ axis, theirs @ axis
+            separation = max(separation, a.min() - b.max(), b.min() - a.max())
+        if separation < 0.0:
+            return float(separation)
+        return float(min(other.distance(ours).min(), self.distance(theirs).min()))
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(4, 2) world corners of the rectangle, or of the square about the disc."""
+        half_length, half_width = 0.5 * self.length, 0.5 * (self.length if self.round else self.width)
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        along = half_length * np.array([1.0, -1.0, -1.0, 1.0])
+        across = half_width * np.array([1.0, 1.0, -1.0, -1.0])
+        return np.column_stack([self.x + cos * along - sin * across, self.y + sin * along + cos * across])
+
     @property
     def radius(self) -> float:
         """Radius of the circle about (x, y) that holds the outline."""

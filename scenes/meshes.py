@@ -5,7 +5,6 @@ Body frame: origin on the ground at the object's middle, x along its length, z u
 
 from __future__ import annotations
 
-import math
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ import trimesh
 from scenes.catalogue import CoverKind
 from scenes.figures import observer, person, vehicle
 from scenes.pose import Pose
-from scenes.scenario import OBSTACLE_SIZES, CoverObject, CoverSpec, ObstacleKind
+from scenes.scenario import OBSTACLE_SIZES, CoverSpec, ObstacleKind
 from scenes.solids import Solid
 from scenes.structures import FOUNDATION_DEPTH, POST_DEPTH, building, cottage, fence, house, wreck
 from scenes.terrain import Heightmap
@@ -98,18 +97,13 @@ def cover_pose(heightmap: Heightmap, cover: CoverSpec) -> Pose:
     """Where the object stands upright: `pose_world_cover` on the mean ground under its outline's corners,
     yet low enough that it floats nowhere."""
     outline = cover.footprint
-    cos, sin = math.cos(outline.yaw), math.sin(outline.yaw)
-    half_width = 0.5 * (outline.length if outline.round else outline.width)
-    along = 0.5 * outline.length * np.array([0.0, 1.0, 1.0, -1.0, -1.0])
-    across = half_width * np.array([0.0, 1.0, -1.0, 1.0, -1.0])
-    ground = heightmap.height_at(
-        cover.x + cos * along - sin * across, cover.y + sin * along + cos * across
-    )
+    x, y = np.vstack([(cover.x, cover.y), outline.corners]).T
+    ground = heightmap.height_at(x, y)
     z = min(float(ground.mean()), float(ground.min()) + 0.8 * skirt_depth(cover.kind))
     return Pose(cover.x, cover.y, z, yaw=outline.yaw)
 
 
-def _size(cover: CoverSpec | CoverObject) -> tuple[float, float, float]:
+def _size(cover: CoverSpec) -> tuple[float, float, float]:
     length, width, height = cover.length, cover.width, cover.height
     assert length is not None and width is not None and height is not None  # filled in by the document
     return length, width, height

@@ -121,9 +121,14 @@ class Heightmap:
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
         """(row, col) of the nearest sample, clipped to the map."""
-        row = int(np.clip(np.rint((y - self.y_min) / self.resolution), 0, self.shape[0] - 1))
-        col = int(np.clip(np.rint((x - self.x_min) / self.resolution), 0, self.shape[1] - 1))
-        return row, col
+        row, col = self.cells(x, y)
+        return int(row), int(col)
+
+    def cells(self, x, y) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the samples nearest to arrays of world points, clipped to the map."""
+        row = np.rint((np.asarray(y, float) - self.y_min) / self.resolution).astype(int)
+        col = np.rint((np.asarray(x, float) - self.x_min) / self.resolution).astype(int)
+        return np.clip(row, 0, self.shape[0] - 1), np.clip(col, 0, self.shape[1] - 1)
 
     def surface_at(self, x: float, y: float) -> Surface:
         return SURFACES[self.surface[self.cell(x, y)]]
