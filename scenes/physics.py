@@ -1,0 +1,420 @@
+"""The pybullet world: ground, cover and moving obstacles as bodies, and the Husky that drives among them.
+
+World frame, metres, seconds, radians. The only module that knows pybullet.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pybullet as bullet
+from scipy.spatial.transform import Rotation
+
+from scenes.drive import DriveState, clipped, drive
+from scenes.husky import MASS_CENTRE, WHEELS, driving_urdf
+from scenes.meshes import CollisionBox, collision_shapes, cover_mesh, cover_pose
+from scenes.pose import Pose, Twist
+from scenes.robot import HUSKY
+from scenes.scenario import CoverObject, MovingObstacle, ObstacleKind, Start
+from scenes.stance import standing_pose
+from scenes.terrain import Heightmap
+
+STEP_S = 1.0 / 240.0
+WHEEL_TORQUE = 30.0
+"""N·m that one wheel can bring to bear: enough to slide all four, as the real drive can."""
+
+GROUND_FRICTION = 0.9
+"""Rubber on dry earth, so that the Husky holds and climbs 22°."""
+
+COVER_FRICTION = 0.4
+"""Less than ground, so that wheels do not climb walls."""
+
+WALL_HEIGHT, WALL_THICKNESS = 4.0, 4.0
+SETTLING_STEPS = 60
+OBSTACLE_STEPS = 4  # moving obstacles are put where their beats have them at 60 Hz
+RAY_BATCH = 8192  # rayTestBatch answers one ray too few for exactly 16,384
+
+
+class RobotLostError(RuntimeError):
+    """The robot has left the world: through the ground, over the border, or to a pose that is no number."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Something that touches the robot; `id` as in the scenario."""
+
+    kind: Literal["cover", "obstacle"]
+    id: int
+
+
+@dataclass(frozen=True, eq=False)
+class WorldState:
+    """A moment to come back to, in the world that made it; forgotten by Bullet when this is dropped."""
+
+    bullet_state: int
+    bodies: tuple[int, ...]
+    steps: int
+    drive: DriveState
+    touching: tuple[Contact, ...]
+
+
+class World:
+    """The physics of one scenario, in a pybullet client of its own.
+
+    heightmap : the ground; walls stand along its outermost samples
+    cover, obstacles : what the robot can run into; observers are not bodies
+    start : where the robot stands at first
+    cover_meshes : cover collides by its full mesh, crowns too, as `scenes.rays` sees it: for comparing
+        ray casts and images with Bullet's own, not for driving
+
+    Raises ValueError for heights or positions that are no numbers or off the map.
+    """
+
+    def __init__(
+        self,
+        heightmap: Heightmap,
+        cover: Sequence[CoverObject] = (),
+        obstacles: Sequence[MovingObstacle] = (),
+        start: Start | None = None,
+        *,
+        cover_meshes: bool = False,
+    ):
+        if not np.isfinite(heightmap.heights).all():
+            raise ValueError("the heightmap holds heights that are not finite; fill missing cells first")
+        self.heightmap = heightmap
+        self._cover_meshes = cover_meshes
+        self._client = bullet.connect(bullet.DIRECT)
+        self._closed = weakref.finalize(self, bullet.disconnect, self._client)
+        self._cover: dict[int, tuple[CoverObject, int]] = {}
+        self._obstacles: tuple[tuple[MovingObstacle, int], ...] = ()
+        self._steps = 0
+        self._drive = DriveState()
+        self._touching: tuple[Contact, ...] = ()
+        bullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
+        bullet.setPhysicsEngineParameter(
+            fixedTimeStep=STEP_S, deterministicOverlappingPairs=1, physicsClientId=self._client
+        )
+        self._ground = self._add_ground()
+        self._add_walls()
+        self._robot = self._add_robot()
+        self.set_cover(cover)
+        self.set_obstacles(obstacles)
+        start = start or Start(x=0.0, y=0.0)
+        self.place_robot(start.x, start.y, math.radians(start.yaw))
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the client; safe to call twice."""
+        self._closed()
+
+    # --- what is ---------------------------------------------------------------------------------
+
+    @property
+    def time_s(self) -> float:
+        """Simulated seconds since the world was made."""
+        return self._steps * STEP_S
+
+    @property
+    def pose(self) -> Pose:
+        """The true `pose_world_base`, base frame as in `scenes.robot`."""
+        centre, quaternion = self._centre_pose()
+        rotation = np.array(bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
+        return Pose.from_quaternion(np.asarray(centre) - rotation @ MASS_CENTRE, quaternion)
+
+    @property
+    def twist(self) -> Twist:
+        """True forward speed of the base and its rate of turn about the body's up axis."""
+        _, quaternion = self._centre_pose()
+        return self._twist(bullet.getMatrixFromQuaternion(quaternion))
+
+    @property
+    def up(self) -> float:
+        """The z part of the body's up axis: 1 upright, negative on its back."""
+        return bullet.getMatrixFromQuaternion(self._centre_pose()[1])[8]
+
+    @property
+    def wheel_angles(self) -> tuple[float, float, float, float]:
+        """Radians turned: front left, front right, rear left, rear right."""
+        states = bullet.getJointStates(self._robot, self._wheels, physicsClientId=self._client)
+        front_left, front_right, rear_left, rear_right = (state[0] for state in states)
+        return front_left, front_right, rear_left, rear_right
+
+    def touching(self) -> tuple[Contact, ...]:
+        """Cover and obstacles that the robot touched during the last `step`, each once."""
+        return self._touching
+
+    def _centre_pose(self):
+        return bullet.getBasePositionAndOrientation(self._robot, physicsClientId=self._client)
+
+    def _twist(self, matrix) -> Twist:
+        (vx, vy, vz), (wx, wy, wz) = bullet.getBaseVelocity(self._robot, physicsClientId=self._client)
+        w = wx * matrix[2] + wy * matrix[5] + wz * matrix[8]
+        sideways = wx * matrix[1] + wy * matrix[4] + wz * matrix[7]
+        v = vx * matrix[0] + vy * matrix[3] + vz * matrix[6]
+        # The speed is the base's, not the mass centre's: v_base = v_centre - omega x offset.
+        return Twist(v - (sideways * MASS_CENTRE[2] - w * MASS_CENTRE[1]), w)
+
+    # --- what happens ----------------------------------------------------------------------------
+
+    def step(self, command: Twist, duration_s: float) -> None:
+        """Drive at `command`, within the Husky's limits of speed and acceleration, for `duration_s`.
+
+        Raises ValueError for a command or duration that is not finite or not positive, and RobotLostError
+        where the robot has left the world.
+        """
+        if not (math.isfinite(command.v) and math.isfinite(command.w)):
+            raise ValueError(f"the command must be finite, got v={command.v}, w={command.w}")
+        if not (math.isfinite(duration_s) and duration_s >= STEP_S):
+            raise ValueError(f"the duration must be at least {STEP_S:.4f} s, got {duration_s}")
+        command = clipped(command)
+        steps = round(duration_s / STEP_S)
+        near = self._within_reach(duration_s)
+        touched: dict[Contact, None] = {}
+        for _ in range(steps):
+            self._advance(command)
+            for body, contact in near.items():
+                if contact not in touched and bullet.getContactPoints(
+                    self._robot, body, physicsClientId=self._client
+                ):
+                    touched[contact] = None
+        self._touching = tuple(touched)
+        self._check_robot()
+
+    def _advance(self, command: Twist) -> None:
+        if self._steps % OBSTACLE_STEPS == 0:
+            self._move_obstacles()
+        self._turn_wheels(command)
+        bullet.stepSimulation(physicsClientId=self._client)
+        self._steps += 1
+
+    def _turn_wheels(self, command: Twist) -> None:
+        matrix = bullet.getMatrixFromQuaternion(self._centre_pose()[1])
+        self._drive, left, right = drive(self._drive, command, self._twist(matrix), STEP_S)
+        bullet.setJointMotorControlArray(
+            self._robot,
+            self._wheels,
+            bullet.VELOCITY_CONTROL,
+            targetVelocities=(left, right, left, right),
+            forces=(WHEEL_TORQUE,) * 4,
+            physicsClientId=self._client,
+        )
+
+    def _within_reach(self, duration_s: float) -> dict[int, Contact]:
+        """Bodies that the robot could come to touch, so that only those are asked for contacts."""
+        pose = self.pose
+        reach = HUSKY.circumscribed_radius + HUSKY.max_speed * duration_s + 0.5
+        at = np.array([[pose.x, pose.y]])
+        near = {}
+        for thing, body in self._cover.values():
+            if math.hypot(thing.x - pose.x, thing.y - pose.y) < reach + thing.footprint.radius:
+                near[body] = Contact("cover", thing.id)
+        for obstacle, body in self._obstacles:
+            outline = obstacle.footprint_at(self.time_s)
+            speed = obstacle.patrol.speed if obstacle.patrol else 0.0
+            if float(outline.distance(at)[0]) < reach + speed * duration_s:
+                near[body] = Contact("obstacle", obstacle.id)
+        return near
+
+    def _check_robot(self) -> None:
+        pose = self.pose
+        if not all(map(math.isfinite, (pose.x, pose.y, pose.z, pose.roll, pose.pitch, pose.yaw))):
+            raise RobotLostError(f"the robot's pose is no longer a number at {self.time_s:.2f} s")
+        ground = float(self.heightmap.height_at(pose.x, pose.y))
+        if not self.heightmap.contains(pose.x, pose.y) or pose.z < ground - 1.0:
+            raise RobotLostError(
+                f"the robot left the world at ({pose.x:.2f}, {pose.y:.2f}, {pose.z:.2f}),"
+                f" where the ground is at {ground:.2f} m, {self.time_s:.2f} s into the drive"
+            )
+
+    def place_robot(self, x: float, y: float, yaw: float) -> None:
+        """Stand the robot still on the ground at (x, y), facing `yaw`, all wheels down. Takes no time.
+
+        Raises ValueError where a number is not finite or the place is off the map.
+        """
+        if not all(map(math.isfinite, (x, y, yaw))):
+            raise ValueError(f"the robot's place must be finite, got x={x}, y={y}, yaw={yaw}")
+        if not self.heightmap.contains(x, y):
+            raise ValueError(f"the robot cannot be placed at ({x:g}, {y:g}): that is off the map")
+        pose = standing_pose(self.heightmap, x, y, yaw)
+        bullet.resetBasePositionAndOrientation(
+            self._robot, pose.to_world(np.array(MASS_CENTRE)), pose.quaternion, physicsClientId=self._client
+        )
+        bullet.resetBaseVelocity(self._robot, (0, 0, 0), (0, 0, 0), physicsClientId=self._client)
+        for wheel in self._wheels:
+            bullet.resetJointState(self._robot, wheel, 0.0, 0.0, physicsClientId=self._client)
+        self._drive = DriveState()
+        self._touching = ()
+        for _ in range(SETTLING_STEPS):
+            self._turn_wheels(Twist())
+            bullet.stepSimulation(physicsClientId=self._client)
+        self._drive = DriveState()
+        self._check_robot()
+
+    # --- what stands in it -----------------------------------------------------------------------
+
+    def set_cover(self, cover: Sequence[CoverObject]) -> None:
+        """Replace the cover objects; those that stay as they are keep their bodies."""
+        wanted = {thing.id: thing for thing in cover}
+        for key, (thing, body) in list(self._cover.items()):
+            if wanted.get(key) != thing:
+                bullet.removeBody(body, physicsClientId=self._client)
+                del self._cover[key]
+        kept = self._cover
+        self._cover = {
+            key: kept[key] if key in kept else (thing, self._add_cover(thing)) for key, thing in wanted.items()
+        }
+
+    def set_obstacles(self, obstacles: Sequence[MovingObstacle]) -> None:
+        """Replace the moving obstacles; they go on with their beats at the world's time."""
+        for _, body in self._obstacles:
+            bullet.removeBody(body, physicsClientId=self._client)
+        self._obstacles = tuple((thing, self._add_obstacle(thing)) for thing in obstacles)
+        self._move_obstacles()
+
+    def _move_obstacles(self) -> None:
+        for thing, body in self._obstacles:
+            x, y, yaw = thing.pose_at(self.time_s)
+            z = float(self.heightmap.height_at(x, y)) + 0.5 * thing.size[2]
+            bullet.resetBasePositionAndOrientation(
+                body, (x, y, z), (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)),
+                physicsClientId=self._client,
+            )
+
+    def _add_ground(self) -> int:
+        heights = self.heightmap.heights.astype(np.float32)
+        rows, columns = heights.shape
+        spacing = self.heightmap.resolution
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_HEIGHTFIELD,
+            meshScale=(spacing, spacing, 1.0),
+            heightfieldData=heights.ravel().tolist(),
+            numHeightfieldRows=columns,  # Bullet's rows are samples along x
+            numHeightfieldColumns=rows,
+            physicsClientId=self._client,
+        )
+        # Bullet centres a height field on the middle of its range.
+        middle = 0.5 * (float(heights.min()) + float(heights.max()))
+        return self._add_body(shape, (0.0, 0.0, middle), friction=GROUND_FRICTION)
+
+    def _add_walls(self) -> None:
+        """Walls around the outermost samples, over which nothing drives."""
+        west, east, south, north = self.heightmap.bounds
+        heights = self.heightmap.heights
+        half_height = 0.5 * (float(np.ptp(heights)) + WALL_HEIGHT) + 1.0
+        middle = 0.5 * float(heights.min() + heights.max() + WALL_HEIGHT)
+        half = 0.5 * WALL_THICKNESS
+        along_x = (0.5 * (east - west) + WALL_THICKNESS, half, half_height)
+        along_y = (half, 0.5 * (north - south) + WALL_THICKNESS, half_height)
+        for extents, x, y in (
+            (along_x, 0.0, south - half),
+            (along_x, 0.0, north + half),
+            (along_y, west - half, 0.0),
+            (along_y, east + half, 0.0),
+        ):
+            self._add_body(self._box(extents), (x, y, middle), friction=0.0)
+
+    def _add_robot(self) -> int:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "husky.urdf"
+            path.write_text(driving_urdf(), "utf-8")
+            robot = bullet.loadURDF(str(path), physicsClientId=self._client)
+        joints = {
+            bullet.getJointInfo(robot, index, physicsClientId=self._client)[1].decode(): index
+            for index in range(bullet.getNumJoints(robot, physicsClientId=self._client))
+        }
+        self._wheels = [joints[wheel] for wheel in WHEELS]
+        bullet.changeDynamics(robot, -1, activationState=4, physicsClientId=self._client)  # never sleeps
+        return robot
+
+    def _add_cover(self, thing: CoverObject) -> int:
+        pose = cover_pose(self.heightmap, thing)
+        shape = self._mesh(cover_mesh(thing)) if self._cover_meshes else self._shapes(thing)
+        return self._add_body(shape, pose.position, pose.quaternion)
+
+    def _add_obstacle(self, thing: MovingObstacle) -> int:
+        length, width, height = thing.size
+        if thing.kind is ObstacleKind.PERSON:
+            shape = bullet.createCollisionShape(
+                bullet.GEOM_CYLINDER, radius=0.5 * length, height=height, physicsClientId=self._client
+            )
+        else:
+            shape = self._box((0.5 * length, 0.5 * width, 0.5 * height))
+        return self._add_body(shape, (0.0, 0.0, 0.0))
+
+    def _add_body(self, shape, position, orientation=(0.0, 0.0, 0.0, 1.0), friction=COVER_FRICTION) -> int:
+        body = bullet.createMultiBody(
+            0.0, shape, basePosition=position, baseOrientation=orientation, physicsClientId=self._client
+        )
+        bullet.changeDynamics(body, -1, lateralFriction=friction, physicsClientId=self._client)
+        return body
+
+    def _box(self, half_extents) -> int:
+        return bullet.createCollisionShape(
+            bullet.GEOM_BOX, halfExtents=half_extents, physicsClientId=self._client
+        )
+
+    def _shapes(self, thing: CoverObject) -> int:
+        shapes = collision_shapes(thing)
+        boxes = [isinstance(shape, CollisionBox) for shape in shapes]
+        return bullet.createCollisionShapeArray(
+            shapeTypes=[bullet.GEOM_BOX if box else bullet.GEOM_CYLINDER for box in boxes],
+            halfExtents=[s.half_extents if isinstance(s, CollisionBox) else (0, 0, 0) for s in shapes],
+            radii=[0.0 if isinstance(s, CollisionBox) else s.radius for s in shapes],
+            lengths=[0.0 if isinstance(s, CollisionBox) else s.height for s in shapes],
+            collisionFramePositions=[s.center for s in shapes],
+            physicsClientId=self._client,
+        )
+
+    def _mesh(self, mesh) -> int:
+        return bullet.createCollisionShape(
+            bullet.GEOM_MESH,
+            vertices=mesh.vertices.tolist(),
+            indices=mesh.faces.ravel().tolist(),
+            flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH,
+            physicsClientId=self._client,
+        )
+
+    # --- moments to come back to -----------------------------------------------------------------
+
+    def save(self) -> WorldState:
+        """The present moment, to the last bit, for `restore` in this same world."""
+        state = WorldState(
+            bullet.saveState(physicsClientId=self._client),
+            self._bodies,
+            self._steps,
+            self._drive,
+            self._touching,
+        )
+        weakref.finalize(state, _forget, self._client, self._closed, state.bullet_state)
+        return state
+
+    def restore(self, state: WorldState) -> None:
+        """Go back to `state`; what follows is bit-identical to what followed then.
+
+        Raises ValueError where cover or obstacles have been replaced since.
+        """
+        if state.bodies != self._bodies:
+            raise ValueError("the cover or the obstacles have changed since this state was saved")
+        bullet.restoreState(stateId=state.bullet_state, physicsClientId=self._client)
+        self._steps, self._drive, self._touching = state.steps, state.drive, state.touching
+
+    @property
+    def _bodies(self) -> tuple[int, ...]:
+        return tuple(body for _, body in (*self._cover.values(), *self._obstacles))
+
+
+def _forget(client: int, closed: weakref.finalize, bullet_state: int) -> None:
+    if closed.alive:
+        bullet.removeState(bullet_state, physicsClientId=client)
