@@ -1,0 +1,247 @@
+"""The loops of the elevation map: fuse a scan, clear what it sees through, read the grid out.
+
+`cells` is (rows, cols, len(EMPTY)) float64; a cell holds one number for each of the names below:
+
+MEAN, SPREAD, WEIGHT      ground height: weighted mean, weighted sum of squared deviations, sum of weights
+LOWEST, HIGHEST           lowest and highest return from the ground
+FOOT, TOP, BELOW          lowest and highest return from what stands there, and the ground expected under it
+EVIDENCE, GAINED, TURN    how surely it stands there, what the newest scan added, and which scan that was
+HANG                      lowest return from what hangs higher than the robot
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from planner.ground_segmentation import GROUND, STANDING
+
+MEAN, SPREAD, WEIGHT, LOWEST, HIGHEST, FOOT, TOP, BELOW, EVIDENCE, GAINED, TURN, HANG = range(12)
+EMPTY = np.array([0.0, 0.0, 0.0, np.nan, np.nan, np.inf, -np.inf, 0.0, 0.0, 0.0, -1.0, np.inf])
+
+GATE = 0.3  # metres: ground this far from what a cell holds is not the same surface
+SIGMA_PER_METRE = 0.003  # what pointing adds to a height's standard deviation
+MAX_WEIGHT = 50.0 / 0.03**2  # old measurements count as fifty at most, so that a cell follows change
+MAX_GAIN, SEEN_THROUGH, MAX_EVIDENCE = 4.0, 2.0, 20.0  # one for a return, four for a scan at most
+BLOCKS = 2.0  # evidence from which on something blocks
+NEIGHBOURHOOD = 5  # cells: how far the ground below a standing thing may be looked for
+FILL_SLOPE = 0.1  # what the ground may do inside a filled gap, as a standard deviation
+
+
+@numba.njit(cache=True)
+def fuse(cells, points, labels, expected, origin, x_min, y_min, resolution, range_sigma, clearance, turn):
+    """Add the labelled returns of one scan to `cells`, in place; `turn` counts the scans."""
+    columns, beams, _ = points.shape
+    rows, cols, _ = cells.shape
+    for c in range(columns):
+        for i in range(beams):
+            label = labels[c, i]
+            if label != GROUND and label != STANDING:
+                continue
+            x, y, z = points[c, i, 0], points[c, i, 1], points[c, i, 2]
+            row = int(np.rint((y - y_min) / resolution))
+            col = int(np.rint((x - x_min) / resolution))
+            if row < 0 or row >= rows or col < 0 or col >= cols:
+                continue
+            cell = cells[row, col]
+            below = cell[MEAN] if cell[WEIGHT] > 0.0 else expected[c, i]
+            if label == GROUND and (cell[WEIGHT] == 0.0 or z - cell[MEAN] <= GATE):
+                sigma = range_sigma + SIGMA_PER_METRE * math.hypot(x - origin[0], y - origin[1])
+                add_ground(cell, z, 1.0 / (sigma * sigma))
+            elif z - below >= clearance:
+                cell[HANG] = min(cell[HANG], z)
+            else:
+                _add_standing(cell, z, below, turn)
+
+
+@numba.njit(cache=True)
+def add_ground(cell, z, weight):
+    """Fuse one ground height into a cell: weighted running mean and spread (West 1979)."""
+    if cell[WEIGHT] == 0.0 or cell[MEAN] - z > GATE:
+        # Nothing known yet, or what was taken for ground was something above it.
+        cell[MEAN], cell[SPREAD], cell[WEIGHT], cell[LOWEST], cell[HIGHEST] = z, 0.0, weight, z, z
+        return
+    total = cell[WEIGHT] + weight
+    offset = z - cell[MEAN]
+    cell[MEAN] += offset * weight / total
+    cell[SPREAD] += weight * offset * (z - cell[MEAN])
+    cell[WEIGHT] = total
+    if total > MAX_WEIGHT:
+        cell[SPREAD] *= MAX_WEIGHT / total
+        cell[WEIGHT] = MAX_WEIGHT
+    cell[LOWEST] = min(cell[LOWEST], z)
+    cell[HIGHEST] = max(cell[HIGHEST], z)
+
+
+@numba.njit(cache=True)
+def _add_standing(cell, z, below, turn):
+    if cell[EVIDENCE] == 0.0:
+        cell[FOOT], cell[TOP] = z, z
+    cell[FOOT] = min(cell[FOOT], z)
+    cell[TOP] = max(cell[TOP], z)
+    cell[BELOW] = below
+    if cell[TURN] != turn:
+        cell[TURN], cell[GAINED] = turn, 0.0
+    if cell[GAINED] < MAX_GAIN:
+        cell[GAINED] += 1.0
+        cell[EVIDENCE] = min(cell[EVIDENCE] + 1.0, MAX_EVIDENCE)
+
+
+@numba.njit(cache=True)
+def clear_seen_through(cells, points, elevations, origin, rotation, x_min, y_min, resolution, turn):
+    """Take evidence from cells that the newest lidar turn looked through, in place.
+
+    A beam looks through a cell when it passes the cell's middle at a height where something was seen to
+    stand and returns from beyond. A beam that does not return says nothing.
+    elevations : (beams,) radians; origin (3,) and rotation (3, 3) of the sensor in the world
+    """
+    columns = points.shape[0]
+    rows, cols, _ = cells.shape
+    step = 2.0 * math.pi / columns
+    for row in range(rows):
+        for col in range(cols):
+            if cells[row, col, EVIDENCE] <= 0.0 or cells[row, col, TURN] == turn:
+                continue
+            east = x_min + col * resolution - origin[0]
+            north = y_min + row * resolution - origin[1]
+            distance = math.hypot(east, north)
+            if distance < resolution:
+                continue
+            low = cells[row, col, FOOT] - 0.05 - origin[2]
+            high = cells[row, col, TOP] + 0.05 - origin[2]
+            azimuth, lowest = _direction(east, north, low, rotation)
+            _, highest = _direction(east, north, high, rotation)
+            middle = int(np.rint(azimuth / step))
+            reach = int(0.25 * resolution / distance / step)
+            through = False
+            for i in range(len(elevations)):
+                if elevations[i] < lowest or elevations[i] > highest:
+                    continue
+                for c in range(middle - reach, middle + reach + 1):
+                    point = points[c % columns, i]
+                    beyond = math.hypot(point[0] - origin[0], point[1] - origin[1]) - distance
+                    if abs(beyond) <= resolution:
+                        cells[row, col, TURN] = turn  # something is there after all
+                    elif beyond > 0.0:
+                        through = True
+            if through and cells[row, col, TURN] != turn:
+                cells[row, col, EVIDENCE] = max(cells[row, col, EVIDENCE] - SEEN_THROUGH, 0.0)
+
+
+@numba.njit(cache=True)
+def _direction(east, north, up, rotation):
+    """Azimuth and elevation in the sensor frame of an offset in the world."""
+    x = rotation[0, 0] * east + rotation[1, 0] * north + rotation[2, 0] * up
+    y = rotation[0, 1] * east + rotation[1, 1] * north + rotation[2, 1] * up
+    z = rotation[0, 2] * east + rotation[1, 2] * north + rotation[2, 2] * up
+    return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
+
+
+@numba.njit(cache=True)
+def fill_gaps(elevation, variance, resolution, max_gap):
+    """Interpolate gaps of up to `max_gap` unknown cells (NaN) between known ones, along rows and columns.
+
+    Returns a new (elevation, variance). A filled cell is the mean of the two directions, weighted by
+    1 / gap length; its variance is that of its ends plus what the ground may do inside the gap.
+    """
+    rows, cols = elevation.shape
+    filled, spread = elevation.copy(), variance.copy()
+    for row in range(rows):
+        for col in range(cols):
+            if not np.isnan(elevation[row, col]):
+                continue
+            total = height = doubt = 0.0
+            for dr, dc in ((0, 1), (1, 0)):
+                ahead = _to_known(elevation, row, col, dr, dc, max_gap)
+                behind = _to_known(elevation, row, col, -dr, -dc, max_gap + 1 - ahead) if ahead else 0
+                if not behind:
+                    continue
+                length = ahead + behind
+                share = ahead / length
+                r0, c0, r1, c1 = row + dr * ahead, col + dc * ahead, row - dr * behind, col - dc * behind
+                weight = 1.0 / length
+                total += weight
+                height += weight * ((1.0 - share) * elevation[r0, c0] + share * elevation[r1, c1])
+                ends = (1.0 - share) * variance[r0, c0] + share * variance[r1, c1]
+                doubt += weight * (ends + (FILL_SLOPE * resolution * length) ** 2)
+            if total > 0.0:
+                filled[row, col], spread[row, col] = height / total, doubt / total
+    return filled, spread
+
+
+@numba.njit(cache=True)
+def _to_known(elevation, row, col, dr, dc, reach):
+    """Steps to the nearest known cell in one direction; 0 where there is none within `reach`."""
+    rows, cols = elevation.shape
+    for k in range(1, reach + 1):
+        r, c = row + dr * k, col + dc * k
+        if r < 0 or c < 0 or r >= rows or c >= cols:
+            return 0
+        if not np.isnan(elevation[r, c]):
+            return k
+    return 0
+
+
+@numba.njit(cache=True)
+def standing_things(cells, elevation, clearance, step):
+    """What stands and what hangs over the ground `elevation` (rows, cols; NaN unknown).
+
+    Returns (rows, cols) bool, where something higher than `step` reaches lower than `clearance`, and
+    (rows, cols) float64 the clearance under what hangs there, inf where nothing does.
+    """
+    rows, cols = elevation.shape
+    blocked = np.zeros((rows, cols), np.bool_)
+    overhang = np.full((rows, cols), np.inf)
+    for row in range(rows):
+        for col in range(cols):
+            stands = cells[row, col, EVIDENCE] >= BLOCKS
+            hang = cells[row, col, HANG]
+            if not stands and hang == np.inf:
+                continue
+            ground = _nearest_ground(elevation, row, col)
+            if np.isnan(ground):
+                ground = cells[row, col, BELOW] if stands else hang - clearance
+            if stands and cells[row, col, TOP] - ground > step:
+                if cells[row, col, FOOT] - ground >= clearance:
+                    hang = min(hang, cells[row, col, FOOT])
+                else:
+                    blocked[row, col] = True
+            overhang[row, col] = max(hang - ground, 0.0)
+    return blocked, overhang
+
+
+@numba.njit(cache=True)
+def _nearest_ground(elevation, row, col):
+    rows, cols = elevation.shape
+    if not np.isnan(elevation[row, col]):
+        return elevation[row, col]
+    best, height = np.inf, np.nan
+    for r in range(max(row - NEIGHBOURHOOD, 0), min(row + NEIGHBOURHOOD + 1, rows)):
+        for c in range(max(col - NEIGHBOURHOOD, 0), min(col + NEIGHBOURHOOD + 1, cols)):
+            distance = (r - row) ** 2 + (c - col) ** 2
+            if distance < best and not np.isnan(elevation[r, c]):
+                best, height = distance, elevation[r, c]
+    return height
+
+
+@numba.njit(cache=True)
+def steps(elevation, step, slope_rise):
+    """(rows, cols) bool: the higher cell wherever the ground rises by more than `step` beyond what a
+    drivable slope explains (`slope_rise` metres a cell), from a neighbour one or two cells away."""
+    rows, cols = elevation.shape
+    high = np.zeros((rows, cols), np.bool_)
+    for row in range(rows):
+        for col in range(cols):
+            for dr, dc in ((0, 1), (1, 0), (0, 2), (2, 0)):
+                r, c = row + dr, col + dc
+                if r >= rows or c >= cols:
+                    continue
+                rise = elevation[r, c] - elevation[row, col]
+                if abs(rise) > step + slope_rise * (dr + dc):
+                    if rise > 0.0:
+                        high[r, c] = True
+                    else:
+                        high[row, col] = True
+    return high
