@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import sqlite3
+import threading
 import unicodedata
 import zlib
 from collections.abc import Sequence
@@ -67,6 +68,7 @@ class Store:
         self.workspace = Path(workspace).expanduser().resolve()
         self._folder = self.workspace / "scenarios"
         self._entries: dict[Path, tuple[float, ScenarioEntry]] = {}
+        self._naming = threading.Lock()
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with closing(self._connect()) as database:
@@ -144,6 +146,20 @@ class Store:
             scenario.save(path)
         except OSError as error:
             raise StoreError(f"{scenario_id} could not be saved: {error.strerror or error}") from None
+
+    def holds(self, scenario_id: str) -> bool:
+        """Whether there is a scenario of that id, shipped or saved."""
+        try:
+            return self.path(scenario_id).is_file()
+        except UnknownEntry:
+            return False
+
+    def add(self, scenario: Scenario) -> str:
+        """Save under a new id, which is returned; safe from several threads. Raises StoreError."""
+        with self._naming:
+            scenario_id = self.new_id(scenario.name)
+            self.save(scenario_id, scenario)
+        return scenario_id
 
     def delete(self, scenario_id: str) -> None:
         """Raises UnknownEntry, also for a shipped scenario."""

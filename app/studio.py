@@ -391,6 +391,22 @@ class Studio:
         """Save a copy and go on with it."""
         return self.save_as(f"{self.scenario.name[:70]} copy")
 
+    async def add(self, scenario: Scenario) -> str:
+        """Save a document under a new id, without opening it. Raises StoreError."""
+        scenario_id = await asyncio.to_thread(self.store.add, scenario)
+        self._tell(Change.LIBRARY)
+        return scenario_id
+
+    async def replace(self, scenario_id: str, scenario: Scenario) -> None:
+        """Replace a saved document; the open one stays as it is. Raises StudioError, UnknownEntry, StoreError."""
+        if self.store.is_shipped(scenario_id):
+            raise StudioError(f"{scenario_id} is shipped with the studio: save under another name", 409)
+        self.store.path(scenario_id)
+        await asyncio.to_thread(self.store.save, scenario_id, scenario)
+        if scenario_id == self.scenario_id:
+            self._saved = scenario
+        self._tell(Change.LIBRARY, Change.SETTINGS)
+
     def delete(self, scenario_id: str) -> None:
         """Delete a saved scenario. Raises StudioError for a shipped one, UnknownEntry."""
         if self.store.is_shipped(scenario_id):
