@@ -1,0 +1,114 @@
+"""The mission process: obeys, reports, and is replaced when it dies."""
+
+import os
+import queue
+import signal
+
+import pytest
+
+from app.workers import MissionWorker, Progress
+from planner.frames import Perception, Status
+
+PATIENCE_S = 60.0
+
+
+class Reports:
+    """Collects what a worker says and waits for a report that fulfils a condition."""
+
+    def __init__(self) -> None:
+        self.queue: queue.Queue = queue.Queue()
+        self.refusals: queue.Queue = queue.Queue()
+        self.deaths: queue.Queue = queue.Queue()
+
+    def until(self, condition) -> Progress:
+        while True:
+            report, current = self.queue.get(timeout=PATIENCE_S)
+            if current and condition(report):
+                return report
+
+
+@pytest.fixture
+def reports():
+    return Reports()
+
+
+@pytest.fixture
+def worker(reports):
+    worker = MissionWorker(
+        lambda report, current: reports.queue.put((report, current)),
+        reports.refusals.put,
+        lambda reason, restoring: reports.deaths.put((reason, restoring)),
+    )
+    worker.start()
+    yield worker
+    worker.close()
+
+
+def test_a_mission_is_driven_to_its_end_and_every_tick_is_reported(worker, reports, meadow):
+    worker.set_speed(8.0)
+    worker.load(meadow, "least_cost", 0, Perception.ORACLE)
+    idle = reports.until(lambda report: True)
+    assert idle.status is Status.IDLE
+    worker.play(True)
+    rows = []
+
+    def over(report):
+        rows.extend(report.rows)
+        return report.status.final
+
+    last = reports.until(over)
+    assert last.status is Status.REACHED and last.summary["success"]
+    assert [round(row[0], 6) for row in rows] == [round(0.1 * (i + 1), 6) for i in range(len(rows))]
+    assert rows[-1][0] == pytest.approx(last.frame.time_s)
+
+
+def test_a_step_is_one_tick_and_then_a_pause(worker, reports, meadow):
+    worker.load(meadow, "least_cost", 0, Perception.ORACLE)
+    reports.until(lambda report: report.status is Status.IDLE)
+    worker.step()
+    first = reports.until(lambda report: report.status is Status.PAUSED)
+    assert first.frame.tick == 1
+    worker.step()
+    assert reports.until(lambda report: report.frame.tick != 1).frame.tick == 2
+
+
+def test_a_killed_process_is_replaced_and_goes_on_from_its_last_state(worker, reports, meadow):
+    worker.load(meadow, "least_cost", 0, Perception.ORACLE)
+    worker.play(True)
+    before = reports.until(lambda report: report.frame is not None and report.frame.time_s > 1.0)
+    os.kill(worker.pid, signal.SIGKILL)
+    assert reports.deaths.get(timeout=PATIENCE_S) == ("was ended by SIGKILL", True)
+    restored = reports.until(lambda report: report.status is Status.PAUSED)
+    assert restored.frame.pose.x > meadow.start.x + 0.05
+    worker.play(True)
+    after = reports.until(lambda report: report.frame.time_s > before.frame.time_s + 0.5)
+    assert after.frame.pose.x > restored.frame.pose.x
+
+
+def test_a_process_that_dies_again_and_again_is_given_up_until_asked_for(worker, reports, meadow):
+    worker.load(meadow, "least_cost", 0, Perception.ORACLE)
+    restoring = True
+    while restoring:
+        reports.until(lambda report: report.frame is not None or report.status is Status.IDLE)
+        while not reports.queue.empty():
+            reports.queue.get_nowait()
+        os.kill(worker.pid, signal.SIGKILL)
+        _, restoring = reports.deaths.get(timeout=PATIENCE_S)
+    worker.load(meadow, "least_cost", 0, Perception.ORACLE)
+    assert reports.until(lambda report: report.status is Status.IDLE)
+
+
+def test_an_order_that_cannot_be_carried_out_is_refused_in_words(worker, reports, meadow):
+    worker.load(meadow, "least_cost", 0, Perception.ORACLE)
+    worker.set_method("teleport")
+    assert "teleport" in reports.refusals.get(timeout=PATIENCE_S)
+
+
+def test_closing_ends_the_process(reports, meadow):
+    worker = MissionWorker(lambda *_: None, lambda *_: None, lambda *_: None)
+    worker.start()
+    worker.load(meadow, "least_cost", 0, Perception.ORACLE)
+    pid = worker.pid
+    worker.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
