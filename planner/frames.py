@@ -246,6 +246,7 @@ class Frame:
     """One tick as it truly happened, for the view, the run store and the figures.
 
     scan_points : (n, 3) float32 world points of the newest lidar turn, thinned for drawing
+    in_cover : Algorithm 1's answer at this tick
     planner_ms : wall time of sense, perceive and plan together; the one field that load may change
     """
 
@@ -263,4 +264,5 @@ class Frame:
     obstacles: tuple[WalkerPose, ...] = ()
     scan_points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     message: str = ""
+    in_cover: bool = False
     planner_ms: float = field(default=0.0, compare=False)
