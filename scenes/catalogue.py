@@ -168,6 +168,13 @@ class Footprint:
         across = half_width * np.array([1.0, 1.0, -1.0, -1.0])
         return np.column_stack([self.x + cos * along - sin * across, self.y + sin * along + cos * across])
 
+    def lattice(self, spacing: float) -> np.ndarray:
+        """(n, 2) world points over the rectangle, or over the square about the disc, edges included."""
+        corner, along, _, across = self.corners[[2, 3, 0, 1]]
+        steps = [max(2, int(np.ceil(np.hypot(*(end - corner)) / spacing)) + 1) for end in (along, across)]
+        u, v = np.meshgrid(*(np.linspace(0.0, 1.0, count) for count in steps))
+        return corner + u.reshape(-1, 1) * (along - corner) + v.reshape(-1, 1) * (across - corner)
+
     @property
     def radius(self) -> float:
         """Radius of the circle about (x, y) that holds the outline."""

@@ -62,11 +62,12 @@ class Trail:
 
     @classmethod
     def through(cls, ground: Heightmap, waypoints: np.ndarray) -> Trail:
-        """A smooth curve through waypoints (k, 2)."""
+        """A smooth curve by the waypoints (k, 2)."""
         legs = np.hypot(*np.diff(waypoints, axis=0).T)
         knots = np.concatenate([[0.0], np.cumsum(np.sqrt(legs))])
         samples = max(2, int(2.4 * legs.sum() / ground.resolution))
         points = CubicSpline(knots, waypoints)(np.linspace(0.0, knots[-1], samples))
+        points = ndimage.gaussian_filter1d(points, 1.0 / (0.45 * ground.resolution), axis=0, mode="nearest")
         points = points[np.abs(points).max(axis=1) <= ground.bounds[1]]
         off = np.ones(ground.shape, bool)
         off[ground.cells(*points.T)] = False
@@ -91,6 +92,13 @@ class Pond:
 
     water: np.ndarray
     distance: np.ndarray
+
+    @classmethod
+    def none(cls, ground: Heightmap) -> Pond:
+        return cls(np.zeros(ground.shape, bool), np.full(ground.shape, np.inf))
+
+    def joined(self, other: Pond) -> Pond:
+        return Pond(self.water | other.water, np.minimum(self.distance, other.distance))
 
     @classmethod
     def at(cls, rng: np.random.Generator, ground: Heightmap, x: float, y: float, radius: float) -> Pond:

@@ -49,6 +49,8 @@ SURFACE_GROUP = {
 
 SURFACES = tuple(Surface)
 QUALITIES = tuple(Quality)
+SURFACE_CODE = {surface: code for code, surface in enumerate(SURFACES)}
+QUALITY_CODE = {quality: code for code, quality in enumerate(QUALITIES)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from scipy import ndimage
 from scenes.catalogue import Footprint
 from scenes.robot import HUSKY
 from scenes.scenario import CoverSpec
-from scenes.terrain import QUALITIES, SURFACES, Heightmap, Quality, Surface
+from scenes.terrain import QUALITY_CODE, SURFACE_CODE, Heightmap, Quality, Surface
 
 DRIVING_CLEARANCE = HUSKY.inscribed_radius + 0.05
 ROBOT_SCALE = 0.25
@@ -60,8 +60,8 @@ def too_steep(heightmap: Heightmap) -> np.ndarray:
 
 def near_hazard(heightmap: Heightmap, clearance: float) -> np.ndarray:
     """(rows, cols) bool: within `clearance` of water, missing data or the map's edge."""
-    hazard = (heightmap.surface == SURFACES.index(Surface.WATER)) | (
-        heightmap.quality == QUALITIES.index(Quality.MISSING)
+    hazard = (heightmap.surface == SURFACE_CODE[Surface.WATER]) | (
+        heightmap.quality == QUALITY_CODE[Quality.MISSING]
     )
     border = math.ceil(clearance / heightmap.resolution)
     near = np.ones(hazard.shape, bool)
