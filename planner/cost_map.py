@@ -1,0 +1,156 @@
+"""What it costs to drive over each cell of the robot's own map: named layers and their sum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.ndimage import distance_transform_edt
+
+from planner.dwa import Ground
+from planner.frames import CostPatch, GridMap
+from scenes.robot import HUSKY
+
+
+@dataclass(frozen=True)
+class CostConfig:
+    """Weights in points of 0..100, the cost of a cell where a layer is at its worst; metres and radians.
+
+    slope : at the steepest drivable ground, growing with the square of the tangent
+    roughness : where neighbouring cells stray from the local plane by `max_roughness`
+    obstacle : at the edge of the forbidden rim, falling to nothing at `obstacle_reach`
+    unknown : where nothing is known
+    rim : nearer to a mapped obstacle the robot's centre must not come
+    """
+
+    slope: float = 35.0
+    roughness: float = 15.0
+    obstacle: float = 60.0
+    unknown: float = 8.0
+    rim: float = HUSKY.inscribed_radius + 0.08
+    obstacle_reach: float = 1.3
+    max_slope: float = HUSKY.max_slope
+    max_roughness: float = 0.08
+
+
+@dataclass(frozen=True)
+class CostMap:
+    """Cost layers over a world-aligned grid, cell [0, 0] centred at (x_min, y_min).
+
+    layers : name -> (rows, cols) float, points of 0..100
+    forbidden : (rows, cols) bool, where the robot's centre must not be
+    unknown : (rows, cols) bool
+    """
+
+    x_min: float
+    y_min: float
+    resolution: float
+    layers: Mapping[str, np.ndarray]
+    forbidden: np.ndarray
+    unknown: np.ndarray
+
+    @property
+    def total(self) -> np.ndarray:
+        """(rows, cols) float: the layers' sum, at most 100, inf where forbidden."""
+        total = np.minimum(np.sum(list(self.layers.values()), axis=0), 100.0)
+        return np.where(self.forbidden, np.inf, total)
+
+    def patch(self) -> CostPatch:
+        """The sum for drawing: unknown cells are NaN unless forbidden."""
+        cost = self.total.astype(np.float32)
+        cost[self.unknown & ~self.forbidden] = np.nan
+        return CostPatch(self.x_min, self.y_min, self.resolution, cost)
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """(row, col) of the cell that holds a world point; may lie outside the grid."""
+        return round((y - self.y_min) / self.resolution), round((x - self.x_min) / self.resolution)
+
+    def centre(self, row, col) -> np.ndarray:
+        """(..., 2) world points of cell centres."""
+        return np.stack(
+            [self.x_min + self.resolution * np.asarray(col), self.y_min + self.resolution * np.asarray(row)], -1
+        )
+
+
+def build(grid: GridMap, config: CostConfig) -> CostMap:
+    """Slope, roughness, obstacle and unknown layers of the robot's map."""
+    gradient, roughness = surface_shape(grid.elevation, grid.resolution)
+    unknown = grid.unknown
+    steepness = np.nan_to_num(gradient / math.tan(config.max_slope))
+    uneven = np.nan_to_num(roughness / config.max_roughness)
+    distance = obstacle_distance(grid)
+    near = 1.0 - (distance - config.rim) / (config.obstacle_reach - config.rim)
+    layers = {
+        "slope": config.slope * np.minimum(steepness, 1.0) ** 2,
+        "roughness": config.roughness * np.minimum(uneven, 1.0),
+        "obstacle": config.obstacle * np.clip(near, 0.0, 1.0) ** 2,
+        "unknown": config.unknown * unknown,
+    }
+    forbidden = (distance < config.rim) | (steepness > 1.0)
+    return CostMap(grid.x_min, grid.y_min, grid.resolution, layers, forbidden, unknown)
+
+
+def obstacle_distance(grid: GridMap) -> np.ndarray:
+    """(rows, cols) metres to the nearest cell that blocks the robot's body, inf where none does."""
+    if not grid.obstacle.any():
+        return np.full(grid.shape, np.inf)
+    return distance_transform_edt(~grid.obstacle, sampling=grid.resolution)  # type: ignore[return-value]
+
+
+def surface_shape(elevation: np.ndarray, resolution: float) -> tuple[np.ndarray, np.ndarray]:
+    """The ground about each cell as a plane through the known cells of its 3 × 3 neighbourhood.
+
+    Returns the plane's gradient (rows, cols), rise over run, and the root mean square of what strays from it
+    in metres; NaN where fewer than six of the nine, or the cell itself, are unknown.
+    """
+    return _surface_shape(np.ascontiguousarray(elevation, dtype=float), resolution)
+
+
+@njit(cache=True)
+def _surface_shape(elevation, resolution):
+    rows, cols = elevation.shape
+    gradient, roughness = np.full((rows, cols), np.nan), np.full((rows, cols), np.nan)
+    for row in range(rows):
+        for col in range(cols):
+            if math.isnan(elevation[row, col]):
+                continue
+            count, total = 0, 0.0
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for c in range(max(col - 1, 0), min(col + 2, cols)):
+                    if not math.isnan(elevation[r, c]):
+                        count += 1
+                        total += elevation[r, c]
+            if count < 6:
+                continue
+            # With the mean in the gaps, the plane is the regular grid's own least-squares fit.
+            mean, east, north, square = total / count, 0.0, 0.0, 0.0
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for c in range(max(col - 1, 0), min(col + 2, cols)):
+                    if not math.isnan(elevation[r, c]):
+                        offset = elevation[r, c] - mean
+                        east += (c - col) * offset
+                        north += (r - row) * offset
+                        square += offset * offset
+            gradient[row, col] = math.hypot(east, north) / (6.0 * resolution)
+            stray = max(square - (east * east + north * north) / 6.0, 0.0)
+            roughness[row, col] = math.sqrt(stray / count)
+    return gradient, roughness
+
+
+def ground_near(grid: GridMap, x: float, y: float, reach: float, config: CostConfig) -> Ground:
+    """The map within `reach` metres of (x, y), as the dynamic window looks at it."""
+    row, col = grid.cell(x, y)
+    cells = math.ceil(reach / grid.resolution)
+    top, left = max(row - cells, 0), max(col - cells, 0)
+    elevation = grid.elevation[top : max(row + cells + 1, 0), left : max(col + cells + 1, 0)].astype(float)
+    gradient, _ = surface_shape(elevation, grid.resolution)
+    return Ground(
+        grid.x_min + left * grid.resolution,
+        grid.y_min + top * grid.resolution,
+        grid.resolution,
+        elevation,
+        np.nan_to_num(gradient) > math.tan(config.max_slope),
+    )

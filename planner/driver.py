@@ -1,0 +1,278 @@
+"""Driving to a point with the dynamic window, and getting free again where it finds no way on.
+
+States: DRIVE toward the target; when no arc is admissible or nothing moves for a while BACK_OFF along the path
+just driven, TURN on the spot toward the freest direction, LEAVE that way for a stretch, and DRIVE again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+import numpy as np
+
+from planner.dwa import DwaConfig, Ground, Rollout, Surroundings, Weights, candidates, evaluate
+from planner.frames import Arcs, Percept, Rejection
+from scenes.pose import Twist, wrap_angle
+
+TRAIL_SPACING = 0.1
+
+
+class State(StrEnum):
+    DRIVE = "driving"
+    BACK_OFF = "backing off"
+    TURN = "turning"
+    LEAVE = "leaving"
+
+
+@dataclass(frozen=True)
+class DriverConfig:
+    """Metres, seconds, radians.
+
+    goal_tolerance : nearer to the goal the robot stops; the mission counts 0.3 m as reached
+    deceleration : m/s² with which it slows down toward the goal; slowest : m/s it does not fall below before
+    patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery begins
+    backing, leaving : how far a recovery drives back and away; recovery_limit : longest any of its parts takes
+    recoveries : in one region, after which the robot is stuck; region : its radius
+    """
+
+    goal_tolerance: float = 0.2
+    deceleration: float = 0.5
+    slowest: float = 0.25
+    blocked_patience: float = 0.8
+    patience: float = 4.0
+    progress: float = 0.3
+    backing: float = 0.7
+    leaving: float = 1.5
+    recovery_limit: float = 5.0
+    region: float = 2.5
+    recoveries: int = 10
+    dwa: DwaConfig = field(default_factory=DwaConfig)
+
+
+@dataclass(frozen=True)
+class Driven:
+    """One tick's command, the arcs it was chosen from, and in words why; `stuck` when recovery is given up."""
+
+    command: Twist
+    arcs: Arcs | None
+    note: str
+    stuck: bool = False
+
+
+@dataclass(frozen=True)
+class _Mark:
+    time_s: float
+    x: float
+    y: float
+    yaw: float
+
+    @classmethod
+    def of(cls, percept: Percept) -> _Mark:
+        return cls(percept.time_s, percept.pose.x, percept.pose.y, percept.pose.yaw)
+
+    def distance(self, percept: Percept) -> float:
+        return math.hypot(percept.pose.x - self.x, percept.pose.y - self.y)
+
+
+class Driver:
+    """Keeps the recovery's state from tick to tick; `reset` forgets it."""
+
+    def __init__(self, config: DriverConfig | None = None):
+        self.config = config or DriverConfig()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as for a new goal."""
+        self.state = State.DRIVE
+        self._reason = ""
+        self._entered: _Mark | None = None
+        self._progress: _Mark | None = None
+        self._blocked_since: float | None = None
+        self._trail: deque[tuple[float, float]] = deque(maxlen=60)
+        self._direction = 0.0
+        self._trouble: _Mark | None = None
+        self._recoveries = 0
+
+    def drive(self, percept: Percept, target: tuple[float, float], ground: Ground) -> Driven:
+        """The command toward `target` (world), slowing down as the percept's goal comes near."""
+        self._remember(percept)
+        around = Surroundings(percept.obstacle_points, percept.moving, ground)
+        if self._recoveries > self.config.recoveries:
+            return Driven(Twist(), None, "stuck: no way on after many attempts", stuck=True)
+        match self.state:
+            case State.BACK_OFF:
+                return self._back_off(percept, around)
+            case State.TURN:
+                return self._turn(percept, target, around)
+            case State.LEAVE:
+                return self._leave(percept, around)
+        return self._drive(percept, target, around)
+
+    # --- driving ---------------------------------------------------------------------------------
+
+    def _drive(self, percept: Percept, target: tuple[float, float], around: Surroundings) -> Driven:
+        if percept.goal_distance <= self.config.goal_tolerance:
+            self._progress = _Mark.of(percept)
+            return Driven(Twist(), None, "at the goal")
+        rollout = self._arcs(percept, target, around)
+        if rollout.arcs.chosen >= 0:
+            self._blocked_since = None
+            if self._moves_on(percept):
+                return Driven(_command(rollout.arcs), rollout.arcs, self._words(percept))
+            return self._recover(percept, target, around, "no progress")
+        if self._blocked_since is None:
+            self._blocked_since = percept.time_s
+        reason = _main_reason(rollout.arcs)
+        evasion = _evasion(rollout)
+        if evasion >= 0:
+            arcs = replace(rollout.arcs, chosen=evasion)
+            return Driven(_command(arcs), arcs, "giving way to something that moves")
+        if percept.time_s - self._blocked_since < self.config.blocked_patience:
+            return Driven(Twist(), rollout.arcs, f"stopping: {reason}")
+        return self._recover(percept, target, around, reason)
+
+    def _arcs(self, percept: Percept, target: tuple[float, float], around: Surroundings) -> Rollout:
+        dwa = self.config.dwa
+        slowing = math.sqrt(2.0 * self.config.deceleration * percept.goal_distance)
+        max_speed = float(np.clip(slowing, self.config.slowest, dwa.max_speed))
+        v, w = candidates(dwa, percept.twist)
+        return evaluate(dwa, v, w, percept.pose, target, around, max_speed)
+
+    def _words(self, percept: Percept) -> str:
+        return f"driving to the goal, {percept.goal_distance:.1f} m left"
+
+    def _remember(self, percept: Percept) -> None:
+        here = (percept.pose.x, percept.pose.y)
+        if self.state is not State.BACK_OFF and (
+            not self._trail or math.dist(self._trail[-1], here) >= TRAIL_SPACING
+        ):
+            self._trail.append(here)
+        if self._progress is None:
+            self._progress = _Mark.of(percept)
+        if self._trouble is not None and self._trouble.distance(percept) > self.config.region:
+            self._trouble, self._recoveries = None, 0
+
+    def _moves_on(self, percept: Percept) -> bool:
+        mark = self._progress
+        if mark is None or mark.distance(percept) >= self.config.progress:
+            self._progress = _Mark.of(percept)
+            return True
+        return percept.time_s - mark.time_s < self.config.patience
+
+    # --- recovery --------------------------------------------------------------------------------
+
+    def _recover(
+        self, percept: Percept, target: tuple[float, float], around: Surroundings, reason: str
+    ) -> Driven:
+        self._recoveries += 1
+        self._trouble = self._trouble or _Mark.of(percept)
+        self._reason = reason
+        self._enter(State.BACK_OFF if self._recoveries % 2 else State.TURN, percept)
+        self._direction = self._freest(percept, target)
+        if self.state is State.BACK_OFF:
+            return self._back_off(percept, around)
+        return self._turn(percept, target, around)
+
+    def _enter(self, state: State, percept: Percept) -> None:
+        self.state = state
+        self._entered = self._progress = _Mark.of(percept)
+        self._blocked_since = None
+
+    def _spent(self, percept: Percept) -> bool:
+        return self._entered is None or percept.time_s - self._entered.time_s > self.config.recovery_limit
+
+    def _freest(self, percept: Percept, target: tuple[float, float]) -> float:
+        """World bearing that leads away freely, not far from the target's; repeated attempts look wider."""
+        distances = np.minimum(percept.obstacle_distances, 3.0)
+        count = len(distances)
+        # Free means free over the robot's width as well.
+        spread = [np.roll(distances, shift) for shift in range(-count // 24, count // 24 + 1)]
+        bearings = 2.0 * np.pi * np.arange(count) / count
+        wanted = math.atan2(target[1] - percept.pose.y, target[0] - percept.pose.x) - percept.pose.yaw
+        aside = wrap_angle(bearings - wanted)
+        side = 1.0 if self._recoveries // 2 % 2 else -1.0
+        penalty = 0.8 * np.abs(aside) / (1.0 + 0.3 * self._recoveries) + 0.2 * (aside * side < 0.0)
+        best = int(np.argmax(np.min(spread, axis=0) - penalty))
+        return float(wrap_angle(percept.pose.yaw + bearings[best]))
+
+    def _back_off(self, percept: Percept, around: Surroundings) -> Driven:
+        entered = self._entered
+        done = entered is None or entered.distance(percept) >= self.config.backing
+        while self._trail and math.dist(self._trail[-1], (percept.pose.x, percept.pose.y)) < 0.4:
+            self._trail.pop()
+        if not done and not self._spent(percept):
+            v, w = candidates(self.config.dwa, percept.twist)
+            back = v < 0.0
+            behind = self._trail[-1] if self._trail else _ahead(percept, percept.pose.yaw, -1.0)
+            weights = Weights(heading=0.0, velocity=0.5)
+            dwa = replace(self.config.dwa, weights=weights)
+            if back.any():
+                rollout = evaluate(dwa, v[back], w[back], percept.pose, behind, around, dwa.min_speed)
+                if rollout.arcs.chosen >= 0:
+                    note = f"backing off: {self._reason}"
+                    return Driven(_command(rollout.arcs), rollout.arcs, note)
+            else:  # still rolling forward
+                return Driven(Twist(), None, f"stopping: {self._reason}")
+        self._enter(State.TURN, percept)
+        return Driven(Twist(), None, f"turning to a free direction: {self._reason}")
+
+    def _turn(self, percept: Percept, target: tuple[float, float], around: Surroundings) -> Driven:
+        error = float(wrap_angle(self._direction - percept.pose.yaw))
+        if abs(error) > 0.25 and not self._spent(percept):
+            rate = math.copysign(min(1.0, 0.3 + abs(error)), error)
+            for w in (rate, -rate):
+                rollout = evaluate(
+                    replace(self.config.dwa, horizon=1.0),
+                    np.zeros(1), np.array([w]), percept.pose, target, around,
+                )  # fmt: skip
+                if rollout.arcs.chosen >= 0:
+                    note = f"turning to a free direction: {self._reason}"
+                    return Driven(Twist(0.0, w), rollout.arcs, note)
+        self._enter(State.LEAVE, percept)
+        return self._leave(percept, around)
+
+    def _leave(self, percept: Percept, around: Surroundings) -> Driven:
+        entered = self._entered
+        if entered is not None and entered.distance(percept) < self.config.leaving and not self._spent(percept):
+            rollout = self._arcs(percept, _ahead(percept, self._direction, 1.5), around)
+            if rollout.arcs.chosen >= 0:
+                return Driven(_command(rollout.arcs), rollout.arcs, f"leaving a dead end: {self._reason}")
+        self._enter(State.DRIVE, percept)
+        return Driven(Twist(), None, self._words(percept))
+
+
+def _command(arcs: Arcs) -> Twist:
+    return Twist(float(arcs.v[arcs.chosen]), float(arcs.w[arcs.chosen]))
+
+
+def _ahead(percept: Percept, bearing: float, distance: float) -> tuple[float, float]:
+    pose = percept.pose
+    return pose.x + distance * math.cos(bearing), pose.y + distance * math.sin(bearing)
+
+
+_REASONS = {
+    Rejection.COLLISION: "an obstacle is too near",
+    Rejection.CANNOT_STOP: "no arc stops before the obstacle ahead",
+    Rejection.MOVING_OBSTACLE: "something that moves is in the way",
+    Rejection.SLOPE: "the ground ahead is too steep",
+    Rejection.TILT: "the robot would tilt too far",
+    Rejection.UNKNOWN_GROUND: "the ground ahead is unknown",
+    Rejection.OFF_THE_MAP: "the map ends here",
+}
+
+
+def _main_reason(arcs: Arcs) -> str:
+    counts = np.bincount(arcs.rejection, minlength=len(Rejection))
+    counts[Rejection.NONE] = 0
+    return f"no admissible arc, {_REASONS[Rejection(int(np.argmax(counts)))]}"
+
+
+def _evasion(rollout: Rollout) -> int:
+    """The arc that something moving meets latest, -1 where nothing that moves is in the way."""
+    threatened = rollout.arcs.rejection == Rejection.MOVING_OBSTACLE
+    if not threatened.any():
+        return -1
+    return int(np.argmax(np.where(threatened, rollout.free_time - 0.01 * np.abs(rollout.arcs.v), -np.inf)))
