@@ -82,13 +82,13 @@ def segment_kernel(points, origin, base, gradient):
         )
         ground_z[1] = ground_z[0] + FOOT * slope
         _segment_column(
-            distance, height, origin[2], ground_d, ground_z, labels[c], expected[c]
+            distance, height, origin[2] - ground_z[0], ground_d, ground_z, labels[c], expected[c]
         )
     return labels, expected
 
 
 @numba.njit(cache=True)
-def _segment_column(distance, height, sensor_z, ground_d, ground_z, labels, expected):
+def _segment_column(distance, height, mast, ground_d, ground_z, labels, expected):
     known = 2
     foot_d, foot_z = -1.0, 0.0
     last = -1
@@ -108,8 +108,8 @@ def _segment_column(distance, height, sensor_z, ground_d, ground_z, labels, expe
         elif _steep_above(i, distance, height):
             # The lowest return from a flank: it may lie on the flank or on the ground before it.
             labels[i] = STANDING if z - below > RISE else UNCLEAR
-        elif z > sensor_z and (last != i - 1 or last < 0 or labels[last] != GROUND):
-            # Above the horizon only a slope that the beam below met as well is ground, not a tree's crown.
+        elif z > below + mast and (last != i - 1 or last < 0 or labels[last] != GROUND):
+            # Far above the ground expected, only a slope that the beam below met too is ground, no crown.
             labels[i] = UNCLEAR
         else:
             labels[i] = GROUND

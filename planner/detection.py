@@ -1,0 +1,150 @@
+"""Detections in the form of the paper's Listing 1, from a semantic camera's instance mask.
+
+The mask stands in for a segmentation network. What such a network does badly is simulated: confidence falls
+with distance, with few pixels and with what is cut off or hidden, and what is hard to see is often missed.
+The paper's listing has y_min above y_max, a confidence of 1.0 always and positions in the camera's frame;
+here boxes are sorted, 0.85 means something, and positions are in the world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import find_objects
+
+from planner.frames import Detection
+from scenes.catalogue import CATALOGUE, CoverKind
+from scenes.pose import Pose
+from scenes.rays import Body, BodyKind
+from scenes.robot import HUSKY
+if TYPE_CHECKING:
+    from scenes.sensors import CameraImage
+
+MIN_PIXELS = 12
+SAMPLES = 400  # pixels of a mask that its position is taken from, at most
+
+_KINDS = {entry.class_id: entry.kind for entry in CATALOGUE.values()}
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A detection with the size that its mask and depth give, metres; `whole` where the image's edge cuts
+    nothing off."""
+
+    detection: Detection
+    kind: CoverKind
+    width: float
+    height: float
+    whole: bool
+
+
+def detect(
+    image: CameraImage, bodies: Sequence[Body], pose_world_camera: Pose, frame_id: int, rng: np.random.Generator
+) -> tuple[Detection, ...]:
+    """The detections of `sight` alone, as in Listing 1."""
+    return tuple(s.detection for s in sight(image, bodies, pose_world_camera, frame_id, rng))
+
+
+def sight(
+    image: CameraImage, bodies: Sequence[Body], pose_world_camera: Pose, frame_id: int, rng: np.random.Generator
+) -> tuple[Sighting, ...]:
+    """Cover objects in one image, in the order of `bodies`, which the mask's labels index.
+
+    Objects that cannot hide the robot by their apparent size or their class are ignored. The position is
+    the median of the mask's points, moved on along the view by half of what the object is wide (at most
+    half of what its class usually is), for only its near face is seen; z is at its foot.
+    Each object that is judged draws twice from `rng`, whether it is missed or not.
+    """
+    sightings = []
+    for index, box in enumerate(find_objects(image.body + 1)):
+        if box is None or bodies[index].kind is not BodyKind.COVER:
+            continue
+        sighting = _sighting(image, bodies[index], box, pose_world_camera, frame_id, rng)
+        if sighting is not None:
+            sightings.append(sighting)
+    return tuple(sightings)
+
+
+def looked_through(
+    image: CameraImage, places: Sequence[tuple[int, np.ndarray]], pose_world_camera: Pose, margin: float = 1.5
+) -> tuple[int, ...]:
+    """Ids of the places (id, world point) that the image looks past: their pixel shows something farther
+    than they are by `margin` metres, so what stood there is gone."""
+    height, width = image.depth.shape
+    lens = image.intrinsics
+    gone = []
+    for object_id, point in places:
+        ahead, left, up = (point - pose_world_camera.position) @ pose_world_camera.rotation
+        if ahead <= 0.5:
+            continue
+        col, row = round(lens.cx - lens.fx * left / ahead), round(lens.cy - lens.fy * up / ahead)
+        if 0 <= col < width and 0 <= row < height and ahead + margin < image.depth[row, col] < np.inf:
+            gone.append(object_id)
+    return tuple(gone)
+
+
+def back_project(image: CameraImage, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
+    """(n, 3) points of pixels in the camera's frame: x forward, y left, z up."""
+    depth = image.depth[rows, cols].astype(float)
+    lens = image.intrinsics
+    return np.column_stack([depth, (lens.cx - cols) / lens.fx * depth, (lens.cy - rows) / lens.fy * depth])
+
+
+def _sighting(image, body: Body, box, pose_world_camera: Pose, frame_id: int, rng) -> Sighting | None:
+    rows, cols = np.nonzero((image.body[box] == body.index) & np.isfinite(image.depth[box]))
+    if len(rows) < MIN_PIXELS:
+        return None
+    rows, cols = rows + box[0].start, cols + box[1].start
+    stride = -(-len(rows) // SAMPLES)
+    points = back_project(image, rows[::stride], cols[::stride])
+    depth = float(np.median(points[:, 0]))
+    x_min, x_max, y_min, y_max = cols.min(), cols.max(), rows.min(), rows.max()
+    width = (x_max - x_min + 1) * depth / image.intrinsics.fx
+    height = (y_max - y_min + 1) * depth / image.intrinsics.fy
+    image_height, image_width = image.body.shape
+    cut_wide, cut_high = x_min == 0 or x_max == image_width - 1, y_min == 0 or y_max == image_height - 1
+    kind = _KINDS[body.class_id]
+    # What the image's edge cuts off may be large: a cut side is not held against the object.
+    if not CATALOGUE[kind].conceals(
+        HUSKY.width if cut_wide else width, HUSKY.height if cut_high else height, HUSKY.width, HUSKY.height
+    ):
+        return None
+    hidden = _hidden_share(image, body.index, box, depth)
+    confidence = _confidence(depth, len(rows), cut_wide + cut_high, hidden, rng)
+    if confidence is None:
+        return None
+    x, y, z = _position(points, kind, width, pose_world_camera)
+    detection = Detection(
+        frame_id, body.class_id, body.class_name, confidence,
+        float(x_min), float(y_min), float(x_max), float(y_max), body.id, x, y, z,
+        tuple((float(u), float(v)) for u in (x_min, x_max) for v in (y_min, y_max)),
+    )
+    return Sighting(detection, kind, float(width), float(height), not (cut_wide or cut_high))
+
+
+def _position(points: np.ndarray, kind: CoverKind, width: float, pose_world_camera: Pose) -> tuple[float, ...]:
+    world = pose_world_camera.to_world(points)
+    middle = np.median(world[:, :2], axis=0)
+    view = middle - pose_world_camera.position[:2]
+    behind = 0.5 * min(width, CATALOGUE[kind].width.usual)
+    middle = middle + behind * view / max(float(np.hypot(*view)), 1e-6)
+    return float(middle[0]), float(middle[1]), float(np.percentile(world[:, 2], 5))
+
+
+def _hidden_share(image: CameraImage, index: int, box, depth: float) -> float:
+    """Share of the mask's box that nearer things take."""
+    return float(np.mean((image.body[box] != index) & (image.depth[box] < depth - 0.5)))
+
+
+def _confidence(depth: float, pixels: int, cuts: int, hidden: float, rng: np.random.Generator) -> float | None:
+    """Simulated confidence, or None for a miss. About 0.96 for a large object in full view within 5 m,
+    0.85 at 14 m, less when it is small, cut off or hidden."""
+    few = max(1.0 - pixels / 200.0, 0.0)
+    quality = 0.97 - 0.012 * max(depth - 5.0, 0.0) - 0.25 * few - 0.03 * cuts - 0.3 * hidden
+    noise, chance = 0.025 * rng.standard_normal(), rng.random()
+    if chance < 0.01 + 0.5 * max(0.95 - quality, 0.0) ** 1.5:
+        return None
+    return float(np.clip(quality + noise, 0.05, 0.999))

@@ -1,0 +1,95 @@
+"""What an all-knowing robot perceives: the true map, all cover and all that moves, in the form in which the
+sensors would have it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from planner.elevation_map import MapConfig, step_cells, window_origin
+from planner.frames import CoverEstimate, GridMap, TrackedObstacle
+from planner.tracking import obstacle_radius
+from scenes.scenario import CoverObject, MovingObstacle
+from scenes.terrain import QUALITIES, SURFACES, Heightmap, Quality, Surface
+
+_VELOCITY_SPAN = 0.05  # seconds over which a beat's velocity is taken
+
+
+class TrueMap:
+    """Cuts the robot's window out of the true ground and cover; the window last cut is kept."""
+
+    def __init__(self, heightmap: Heightmap, cover: Sequence[CoverObject], config: MapConfig):
+        self.heightmap, self.cover, self.config = heightmap, tuple(cover), config
+        self._grid: GridMap | None = None
+
+    def about(self, x: float, y: float) -> GridMap:
+        """The window about a robot at (x, y): true heights, unknown off the map and where the survey has no
+        data; obstacles are cover footprints, steps and water; overhang is not mapped."""
+        x_min, y_min = window_origin(x, y, self.config)
+        if self._grid is None or (self._grid.x_min, self._grid.y_min) != (x_min, y_min):
+            self._grid = self._cut(x_min, y_min)
+        return self._grid
+
+    def _cut(self, x_min: float, y_min: float) -> GridMap:
+        size, resolution = self.config.cells, self.config.resolution
+        along = np.arange(size) * resolution
+        x, y = np.meshgrid(x_min + along, y_min + along)
+        ground = self.heightmap
+        west, east, south, north = ground.bounds
+        row = np.clip(np.rint((y - ground.y_min) / ground.resolution), 0, ground.shape[0] - 1).astype(int)
+        col = np.clip(np.rint((x - ground.x_min) / ground.resolution), 0, ground.shape[1] - 1).astype(int)
+        known = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+        known &= ground.quality[row, col] != QUALITIES.index(Quality.MISSING)
+        elevation = np.where(known, ground.height_at(x, y), np.nan)
+        blocked = step_cells(elevation, self.config)
+        blocked |= known & (ground.surface[row, col] == SURFACES.index(Surface.WATER))
+        for thing in self.cover:
+            _mark(blocked, thing, x_min, y_min, resolution)
+        return GridMap(
+            x_min, y_min, resolution,
+            elevation.astype(np.float32),
+            np.where(known, 0.0, np.nan).astype(np.float32),
+            blocked,
+            np.full((size, size), np.inf, np.float32),
+        )
+
+
+def _mark(blocked: np.ndarray, thing: CoverObject, x_min: float, y_min: float, resolution: float) -> None:
+    """Set the cells that the footprint touches, up to half a cell beyond its outline."""
+    outline = thing.footprint
+    reach = outline.radius + resolution
+    rows, cols = blocked.shape
+    first = np.clip(np.floor((np.array([outline.y - y_min, outline.x - x_min]) - reach) / resolution), 0, None)
+    last = np.ceil((np.array([outline.y - y_min, outline.x - x_min]) + reach) / resolution)
+    row = np.arange(int(first[0]), min(int(last[0]) + 1, rows))
+    col = np.arange(int(first[1]), min(int(last[1]) + 1, cols))
+    if not len(row) or not len(col):
+        return
+    x, y = np.meshgrid(x_min + col * resolution, y_min + row * resolution)
+    inside = outline.distance(np.column_stack([x.ravel(), y.ravel()])) <= 0.5 * resolution
+    blocked[row[0] : row[-1] + 1, col[0] : col[-1] + 1] |= inside.reshape(x.shape)
+
+
+def true_obstacles(obstacles: Iterable[MovingObstacle], time_s: float) -> tuple[TrackedObstacle, ...]:
+    """Every moving obstacle where it is, with its true velocity, by id."""
+    tracked = []
+    for thing in obstacles:
+        x, y, _ = thing.pose_at(time_s)
+        ahead_x, ahead_y, _ = thing.pose_at(time_s + _VELOCITY_SPAN)
+        vx, vy = (ahead_x - x) / _VELOCITY_SPAN, (ahead_y - y) / _VELOCITY_SPAN
+        tracked.append(TrackedObstacle(thing.id, thing.kind, x, y, vx, vy, obstacle_radius(thing.kind)))
+    return tuple(sorted(tracked, key=lambda obstacle: obstacle.object_id))
+
+
+def true_cover(cover: Iterable[CoverObject], heightmap: Heightmap) -> tuple[CoverEstimate, ...]:
+    """Every cover object with full confidence, by id; z is the ground's at its middle, width the larger of
+    its outer dimensions seen from above."""
+    known = (
+        CoverEstimate(
+            thing.id, thing.kind, thing.x, thing.y, float(heightmap.height_at(thing.x, thing.y)),
+            max(thing.footprint.length, thing.length or 0.0, thing.width or 0.0), thing.height or 0.0, 1.0,
+        )
+        for thing in cover
+    )
+    return tuple(sorted(known, key=lambda estimate: estimate.object_id))
