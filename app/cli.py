@@ -214,8 +214,8 @@ def _run(arguments: argparse.Namespace) -> None:
 
 
 def _record(folder: Path, scenario: Any, summary: dict[str, Any], frames: list) -> None:
+    from app.mission_process import frame_row
     from app.store import FRAME_COLUMNS
-    from app.workers import frame_row
     from scenes.scenario import write_atomically
 
     lines = [",".join((*FRAME_COLUMNS, "status"))]

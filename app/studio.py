@@ -10,19 +10,17 @@ import asyncio
 import inspect
 import logging
 import math
-import threading
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
-from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from app.store import ScenarioEntry, Store, StoreError, UnknownEntry
-from app.workers import MissionWorker, Progress
+from app.changes import COLLECTIONS, REFUSALS, Change, Kind, Selection, StudioError
+from app.drive import Drive
+from app.history import History
+from app.store import ScenarioEntry, Store
 from planner.frames import Frame, Perception, Status
 from planner.methods import METHODS
 from scenes.families import generate
@@ -48,65 +46,9 @@ from scenes.survey import import_survey
 
 log = logging.getLogger(__name__)
 
-UNDO_DEPTH = 200
 SPEEDS = (0.125, 8.0)
 DEFAULT_METHOD = "least_cost"
-DRIVES_ON = (Status.REACHED, Status.TIMEOUT, Status.STUCK, Status.UNREACHABLE)  # at a new goal
 LIVE_FIELDS = ("goal", "cover", "observers", "obstacles")
-
-
-class StudioError(ValueError):
-    """A command that is refused, in one sentence for the person; `status` is its HTTP status."""
-
-    def __init__(self, message: str, status: int = 422) -> None:
-        super().__init__(message)
-        self.status = status
-
-
-REFUSALS = (StudioError, ScenarioError, StoreError, UnknownEntry)
-
-
-class Change(StrEnum):
-    """What a listener is told of: another scenario, an edit, the selection, a frame, the mission's status,
-    the settings, the list of saved scenarios."""
-
-    OPENED = "opened"
-    EDITED = "edited"
-    SELECTED = "selected"
-    FRAME = "frame"
-    STATUS = "status"
-    SETTINGS = "settings"
-    LIBRARY = "library"
-
-
-class Kind(StrEnum):
-    START = "start"
-    GOAL = "goal"
-    OBSERVER = "observer"
-    COVER = "cover"
-    OBSTACLE = "obstacle"
-
-
-@dataclass(frozen=True)
-class Selection:
-    kind: Kind
-    id: int = 0
-
-
-@dataclass(frozen=True)
-class _Collection:
-    """Where things of a kind stand in the scenario."""
-
-    field: str
-    model: type[Document]
-    noun: str
-
-
-COLLECTIONS = {
-    Kind.OBSERVER: _Collection("observers", Observer, "observer"),
-    Kind.COVER: _Collection("cover", CoverObject, "cover object"),
-    Kind.OBSTACLE: _Collection("obstacles", MovingObstacle, "moving obstacle"),
-}
 
 
 class Studio:
@@ -117,37 +59,56 @@ class Studio:
         self.scenario, self.scenario_id = scenario, scenario_id
         self.heightmap = scenario.terrain.heightmap()
         self.method, self.perception, self.seed, self.speed = DEFAULT_METHOD, Perception.LIDAR, 0, 1.0
-        self.frame: Frame | None = None
-        self.status, self.message, self.error = Status.IDLE, "getting ready", None
-        self.real_factor = 0.0
-        self.summary: dict[str, Any] | None = None
         self.selection: Selection | None = None
         self._saved = scenario
-        self._undo: list[tuple[str | None, Scenario]] = []
-        self._redo: list[Scenario] = []
+        self._history = History()
         self._listeners: list[Callable[[Change], None]] = []
-        self._rows: list[tuple[float, ...]] = []
-        self._started_at = datetime.now(UTC)
         self._opening = 0
-        self._generation = 0
-        self._inbox: list[tuple[Progress, bool]] = []
-        self._inbox_lock = threading.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._tasks: set[asyncio.Task] = set()
-        self._worker = MissionWorker(self._hear, self._hear_refusal, self._hear_death)
+        self._drive = Drive(store, self._tell, self._background)
 
     async def start(self) -> None:
         """Start the mission process and load the scenario."""
         self._loop = asyncio.get_running_loop()
         self._load()
-        self._worker.start()
+        self._drive.start(self._loop)
 
     async def close(self) -> None:
         """Store the present run, end the mission process."""
-        self._finish_run(Status.STOPPED)
+        self._drive.finish(Status.STOPPED)
         if self._tasks:
             await asyncio.wait(self._tasks, timeout=5.0)
-        await asyncio.to_thread(self._worker.close)
+        await asyncio.to_thread(self._drive.worker.close)
+
+    # the mission as last reported
+
+    @property
+    def frame(self) -> Frame | None:
+        return self._drive.frame
+
+    @property
+    def status(self) -> Status:
+        return self._drive.status
+
+    @property
+    def message(self) -> str:
+        """What is happening, in words."""
+        return self._drive.message
+
+    @property
+    def error(self) -> str | None:
+        return self._drive.error
+
+    @property
+    def real_factor(self) -> float:
+        """Simulated seconds a second as achieved, 0 while not driving."""
+        return self._drive.real_factor
+
+    @property
+    def summary(self) -> dict[str, Any] | None:
+        """The run so far, as `covernav run --json`."""
+        return self._drive.summary
 
     # telling and being told
 
@@ -196,110 +157,12 @@ class Studio:
         if on_error is not None:
             on_error(message)
         else:
-            self.message = message
-            self._tell(Change.STATUS)
+            self._drive.say(message)
 
     def _background(self, coroutine) -> None:
         task = asyncio.ensure_future(coroutine)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-    # the mission process, heard on its watching thread
-
-    def _hear(self, report: Progress, current: bool) -> None:
-        with self._inbox_lock:
-            self._inbox.append((report, current))
-            if len(self._inbox) > 1:
-                return  # one is on its way already and will take this report along
-        self._on_loop(self._take_reports)
-
-    def _hear_refusal(self, reason: str) -> None:
-        self._on_loop(self._refuse, reason, None)
-
-    def _hear_death(self, reason: str, restoring: bool) -> None:
-        self._on_loop(self._mourn, reason, restoring)
-
-    def _on_loop(self, callback: Callable, *args) -> None:
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(callback, *args)
-
-    def _take_reports(self) -> None:
-        with self._inbox_lock:
-            reports, self._inbox = self._inbox, []
-        changed = None
-        for report, current in reports:
-            if report.generation != self._generation:
-                continue
-            self._rows.extend(report.rows)
-            self.summary = report.summary or self.summary
-            if current and report.status.final and self._rows:
-                self._finish_run(report.status)
-            changed = report, current
-        if changed is not None:
-            self._follow(*changed)
-
-    def _follow(self, report: Progress, current: bool) -> None:
-        before = (self.status, self.message, self.error)
-        if current:
-            self.status, self.real_factor = report.status, report.real_factor
-            if report.status is Status.RUNNING:
-                self.error = None
-        news = report.frame is not None and report.frame is not self.frame
-        if report.frame is not None:
-            self.frame = report.frame
-        self.message = self._in_words()
-        if news:
-            self._tell(Change.FRAME)
-        if before != (self.status, self.message, self.error):
-            self._tell(Change.STATUS)
-
-    def _in_words(self) -> str:
-        if self.error is not None:
-            return self.error
-        match self.status:
-            case Status.IDLE:
-                return "ready: press play to drive to the goal"
-            case Status.PAUSED:
-                return "paused"
-        words = self.frame.message if self.frame is not None else ""
-        return words or self.status.value.replace("_", " ")
-
-    def _mourn(self, reason: str, restoring: bool) -> None:
-        self.status, self.real_factor = Status.PAUSED, 0.0
-        if restoring:
-            self.error = f"the simulation {reason}; its last state is being restored, press play to go on"
-        else:
-            self.status = Status.STOPPED
-            self.error = f"the simulation {reason} again and again; reset to start anew"
-        self.message = self.error
-        log.error(self.error)
-        self._tell(Change.STATUS)
-
-    def _load(self, playing: bool = False) -> None:
-        """Begin a mission in the present scenario from its start."""
-        self._finish_run(Status.STOPPED)
-        self.frame, self.error, self.real_factor, self.summary = None, None, 0.0, None
-        self.status = Status.RUNNING if playing else Status.IDLE
-        self.message = "getting ready"
-        self._started_at = datetime.now(UTC)
-        self._generation = self._worker.load(self.scenario, self.method, self.seed, self.perception, playing)
-        self._tell(Change.STATUS)
-
-    def _finish_run(self, status: Status) -> None:
-        rows, self._rows = self._rows, []
-        if not rows or self.summary is None:
-            return
-        summary = self.summary | {"status": status.value, "success": status is Status.REACHED}
-        record = (self.scenario_id, self.scenario, summary, rows, self._started_at)
-        self._started_at = datetime.now(UTC)
-
-        async def store() -> None:
-            try:
-                await asyncio.to_thread(self.store.add_run, *record)
-            except StoreError as error:
-                self._refuse(str(error), None)
-
-        self._background(store())
 
     # documents
 
@@ -356,11 +219,10 @@ class Studio:
         scenario, scenario_id = await asyncio.to_thread(read)
         if mine != self._opening:
             return  # a newer request has overtaken this one
-        self._finish_run(Status.STOPPED)
+        self._drive.finish(Status.STOPPED)
         self.scenario, self.scenario_id, self._saved = scenario, scenario_id, scenario
         self.heightmap = scenario.terrain.heightmap()
-        self._undo.clear()
-        self._redo.clear()
+        self._history.clear()
         self.selection = None
         self._load()
         self._tell(Change.OPENED)
@@ -398,7 +260,9 @@ class Studio:
         return scenario_id
 
     async def replace(self, scenario_id: str, scenario: Scenario) -> None:
-        """Replace a saved document; the open one stays as it is. Raises StudioError, UnknownEntry, StoreError."""
+        """Replace a saved document; the open one stays as it is.
+
+        Raises StudioError for a shipped one, UnknownEntry, StoreError."""
         if self.store.is_shipped(scenario_id):
             raise StudioError(f"{scenario_id} is shipped with the studio: save under another name", 409)
         self.store.path(scenario_id)
@@ -418,24 +282,21 @@ class Studio:
 
     @property
     def can_undo(self) -> bool:
-        return bool(self._undo)
+        return self._history.can_undo
 
     @property
     def can_redo(self) -> bool:
-        return bool(self._redo)
+        return self._history.can_redo
 
     def undo(self) -> None:
-        if not self._undo:
+        if not self._history.can_undo:
             raise StudioError("there is nothing to undo", 409)
-        _, before = self._undo.pop()
-        self._redo.append(self.scenario)
-        self._adopt(before)
+        self._adopt(self._history.undo(self.scenario))
 
     def redo(self) -> None:
-        if not self._redo:
+        if not self._history.can_redo:
             raise StudioError("there is nothing to redo", 409)
-        self._undo.append((None, self.scenario))
-        self._adopt(self._redo.pop())
+        self._adopt(self._history.redo(self.scenario))
 
     def _edit(self, drag: str | None, **changes: Any) -> None:
         """Replace fields of the scenario as one undo entry; `drag` merges edits that carry the same token."""
@@ -445,10 +306,7 @@ class Studio:
             raise StudioError(str(error)) from None
         if "cover" in changes:
             self._keep_off_the_robot(after)
-        if not (drag is not None and self._undo and self._undo[-1][0] == drag):
-            self._undo.append((drag, self.scenario))
-            del self._undo[:-UNDO_DEPTH]
-        self._redo.clear()
+        self._history.edited(self.scenario, drag)
         self._adopt(after)
 
     def _keep_off_the_robot(self, after: Scenario) -> None:
@@ -464,13 +322,10 @@ class Studio:
     def _adopt(self, after: Scenario) -> None:
         before, self.scenario = self.scenario, after
         changed = tuple(name for name in LIVE_FIELDS if getattr(before, name) != getattr(after, name))
-        moved_goal = "goal" in changed
         if before.start != after.start and self.status is Status.IDLE:
             self._load()
         elif changed:
-            self._worker.edit(after, changed, goal_set=moved_goal)
-            if moved_goal and self.status in DRIVES_ON:
-                self.status = Status.RUNNING
+            self._drive.edit(after, changed)
         if self.selection is not None and not self._exists(self.selection):
             self.selection = None
             self._tell(Change.SELECTED)
@@ -568,25 +423,30 @@ class Studio:
 
     # the mission
 
+    def _load(self, playing: bool = False) -> None:
+        self._drive.load(
+            self.scenario, self.scenario_id, self.method, self.seed, self.perception, playing
+        )
+
     def play(self) -> None:
         """Drive; a mission that is over starts again."""
         if self.status.final:
             self._load(playing=True)
             return
-        self._worker.play(True)
-        self._become(Status.RUNNING)
+        self._drive.worker.play(True)
+        self._drive.become(Status.RUNNING)
 
     def pause(self) -> None:
         if self.status is Status.RUNNING:
-            self._worker.play(False)
-            self._become(Status.PAUSED)
+            self._drive.worker.play(False)
+            self._drive.become(Status.PAUSED)
 
     def step(self) -> None:
         """One control tick, then pause."""
         if self.status.final:
             raise StudioError("the mission is over: set a new goal or reset", 409)
-        self._worker.step()
-        self._become(Status.PAUSED)
+        self._drive.worker.step()
+        self._drive.become(Status.PAUSED)
 
     def reset(self) -> None:
         """Back to the start of the scenario as it is now."""
@@ -595,13 +455,7 @@ class Studio:
     def stop(self) -> None:
         """End the mission where the robot is."""
         if not self.status.final:
-            self._worker.stop()
-
-    def _become(self, status: Status) -> None:
-        self.status = status
-        self.error = None if status is Status.RUNNING else self.error
-        self.message = self._in_words()
-        self._tell(Change.STATUS)
+            self._drive.worker.stop()
 
     def set_pose(self, x: float, y: float, yaw_deg: float) -> None:
         """Put the robot somewhere on the ground."""
@@ -609,20 +463,20 @@ class Studio:
         reason = why_not_standing(self.heightmap, self.scenario.cover, place.x, place.y)
         if reason:
             raise StudioError(f"the robot's place {reason}")
-        self._worker.set_pose(place.x, place.y, math.radians(place.yaw))
+        self._drive.worker.set_pose(place.x, place.y, math.radians(place.yaw))
 
     def set_method(self, name: str) -> None:
         if name not in METHODS:
             raise StudioError(f"there is no method {name!r:.40}; choose one of {', '.join(METHODS)}", 404)
         self.method = name
-        self._worker.set_method(name)
+        self._drive.worker.set_method(name)
         self._tell(Change.SETTINGS)
 
     def set_perception(self, mode: str) -> None:
         if mode not in set(Perception):
             raise StudioError(f"there is no perception {mode!r:.40}; choose one of {', '.join(Perception)}")
         self.perception = Perception(mode)
-        self._worker.set_perception(self.perception)
+        self._drive.worker.set_perception(self.perception)
         self._tell(Change.SETTINGS)
 
     def set_speed(self, factor: float) -> None:
@@ -631,7 +485,7 @@ class Studio:
         if not low <= factor <= high:
             raise StudioError(f"speed must be {low:g} to {high:g}, got {factor:g}")
         self.speed = float(factor)
-        self._worker.set_speed(self.speed)
+        self._drive.worker.set_speed(self.speed)
         self._tell(Change.SETTINGS)
 
     def set_seed(self, seed: int) -> None:

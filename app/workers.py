@@ -1,244 +1,28 @@
-"""The mission in a process of its own, watched over by the server.
+"""Watches over the mission process: a dead or silent one is replaced and given its last snapshot.
 
-pybullet holds the interpreter lock and may crash; here neither touches the server. The parent sends small
-orders down a pipe; the child sends back reports: frames (the newest wins), now and then a snapshot to go on
-from, and refusals. A dead or silent child is replaced and given the last snapshot.
+pybullet holds the interpreter lock and may crash; in a process of its own neither touches the server.
 """
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import signal
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing import connection
 from typing import Any
 
-from planner.frames import Frame, Perception, Status
-from planner.mission import Mission, MissionSnapshot
+from app.mission_process import Call, Edit, Load, Play, Progress, Refused, Saved, Speed, Step, child_main
+from planner.frames import Perception
+from planner.mission import MissionSnapshot
 from scenes.scenario import Scenario
 
-FRAME_PERIOD_S = 1.0 / 15.0  # what the view can use
-SNAPSHOT_PERIOD_S = 0.5
 SILENCE_LIMIT_S = 8.0
 LOADING_LIMIT_S = 180.0
 RESTARTS_BEFORE_GIVING_UP = 3
 CALM_AFTER_S = 20.0
-
-
-# orders, parent to child
-
-
-@dataclass(frozen=True)
-class Load:
-    """Begin a mission, from its start or from a snapshot."""
-
-    generation: int
-    scenario: Scenario
-    method: str
-    seed: int
-    perception: Perception
-    snapshot: MissionSnapshot | None = None
-    playing: bool = False
-
-
-@dataclass(frozen=True)
-class Edit:
-    """Fields of the scenario but its terrain, to take effect at once; `goal_set` starts a new leg."""
-
-    changes: dict[str, Any]
-    goal_set: bool = False
-
-
-@dataclass(frozen=True)
-class Call:
-    """Call one of the mission's setters."""
-
-    setter: str
-    arguments: tuple
-
-
-@dataclass(frozen=True)
-class Play:
-    playing: bool
-
-
-@dataclass(frozen=True)
-class Step:
-    pass
-
-
-@dataclass(frozen=True)
-class Speed:
-    factor: float
-
-
-# reports, child to parent
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Where the mission stands; `rows` are the numbers of every tick since the last report.
-
-    obeyed : how many orders the child has carried out; fewer than were sent means the status is old
-    """
-
-    generation: int
-    obeyed: int
-    status: Status
-    frame: Frame | None
-    rows: tuple[tuple[float, ...], ...]
-    real_factor: float
-    summary: dict[str, Any] | None  # as `covernav run --json`, once the robot has moved
-
-
-@dataclass(frozen=True)
-class Saved:
-    generation: int
-    snapshot: MissionSnapshot
-
-
-@dataclass(frozen=True)
-class Refused:
-    """An order that could not be carried out, in one sentence."""
-
-    reason: str
-
-
-class _Child:
-    """The loop inside the worker process."""
-
-    def __init__(self, pipe: connection.Connection) -> None:
-        self.pipe = pipe
-        self.mission: Mission | None = None
-        self.generation = self.obeyed = 0
-        self.playing = False
-        self.factor = 1.0
-        self.due = time.perf_counter()
-        self.sent = self.saved = 0.0
-        self.rows: list[tuple[float, ...]] = []
-        self.pace = _Pace()
-
-    def run(self) -> None:
-        while True:
-            busy = self.playing and self.mission is not None and not self.mission.status.final
-            wait = max(0.0, self.due - time.perf_counter()) if busy else 1.0
-            if self.pipe.poll(wait):
-                self.obey(self.pipe.recv())
-            elif busy:
-                self.tick()
-            else:
-                self.report()
-
-    def obey(self, order: Any) -> None:
-        try:
-            match order:
-                case Load():
-                    self.load(order)
-                case Play(playing):
-                    self.playing, self.due = playing, time.perf_counter()
-                    self.pace.restart()
-                case Step():
-                    self.playing = False
-                    self.tick()
-                case Speed(factor):
-                    self.factor, self.due = factor, time.perf_counter()
-                    self.pace.restart()
-                case Edit() if self.mission is not None:
-                    self.edit(self.mission, order)
-                case Call(setter, arguments) if self.mission is not None:
-                    getattr(self.mission, setter)(*arguments)
-        except ValueError as error:
-            self.pipe.send(Refused(str(error)))
-        self.obeyed += 1
-        self.report()
-
-    def edit(self, mission: Mission, order: Edit) -> None:
-        mission.edit(mission.scenario.model_copy(update=order.changes))
-        if order.goal_set:
-            goal = mission.scenario.goal
-            mission.set_goal(goal.x, goal.y)
-            self.due = time.perf_counter()
-
-    def load(self, order: Load) -> None:
-        if self.mission is not None:
-            self.mission.close()
-            self.mission = None
-        self.generation, self.rows = order.generation, []
-        self.mission = Mission(
-            order.scenario, order.method, order.seed, order.perception, snapshot=order.snapshot
-        )
-        self.playing, self.due = order.playing, time.perf_counter()
-        self.pace.restart()
-
-    def tick(self) -> None:
-        mission = self.mission
-        if mission is None or mission.status.final:
-            return
-        frame = mission.tick()
-        self.rows.append(frame_row(frame))
-        now = time.perf_counter()
-        period = mission.tick_s / self.factor
-        self.due = max(self.due + period, now - period)
-        self.pace.count(mission.tick_s)
-        if mission.status.final or now - self.sent >= FRAME_PERIOD_S or not self.playing:
-            self.report()
-        if now - self.saved >= SNAPSHOT_PERIOD_S and not mission.status.final:
-            self.saved = now
-            self.pipe.send(Saved(self.generation, mission.snapshot()))
-
-    def report(self) -> None:
-        self.sent = time.perf_counter()
-        mission = self.mission
-        frame = mission.frame if mission is not None else None
-        rows, self.rows = tuple(self.rows), []
-        started = frame is not None and frame.tick > 0
-        summary = mission.summary() if mission is not None and started else None
-        if mission is None:
-            status = Status.IDLE
-        elif mission.status.final:
-            status = mission.status
-        elif self.playing:
-            status = Status.RUNNING
-        else:
-            status = Status.PAUSED if started else Status.IDLE
-        factor = self.pace.factor if status is Status.RUNNING else 0.0
-        self.pipe.send(Progress(self.generation, self.obeyed, status, frame, rows, factor, summary))
-
-
-class _Pace:
-    """How fast simulated time really passes, over about the last second."""
-
-    def __init__(self) -> None:
-        self.restart()
-
-    def restart(self) -> None:
-        self.since, self.simulated, self.factor = time.perf_counter(), 0.0, 0.0
-
-    def count(self, seconds: float) -> None:
-        self.simulated += seconds
-        elapsed = time.perf_counter() - self.since
-        if elapsed >= 1.0 or not self.factor:
-            self.factor = self.simulated / max(elapsed, 1e-6)
-        if elapsed >= 1.0:
-            self.since, self.simulated = time.perf_counter(), 0.0
-
-
-def frame_row(frame: Frame) -> tuple[float, ...]:
-    """A tick's numbers in the order of `app.store.FRAME_COLUMNS`."""
-    pose, twist = frame.pose, frame.twist
-    return (frame.time_s, pose.x, pose.y, pose.z, pose.roll, pose.pitch, pose.yaw, twist.v, twist.w)
-
-
-def _child_main(pipe: connection.Connection, parent_end: connection.Connection) -> None:
-    parent_end.close()  # else this end would keep the pipe open after the server has gone
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's to handle
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the server has gone
-        _Child(pipe).run()
 
 
 @dataclass
@@ -323,7 +107,7 @@ class MissionWorker:
         """Hand on edited fields of a scenario whose terrain is the loaded one's."""
         with self._guard:
             if self._loaded is not None:
-                self._loaded = _replaced(self._loaded, scenario=scenario)
+                self._loaded = replace(self._loaded, scenario=scenario)
             self._send(Edit({name: getattr(scenario, name) for name in fields}, goal_set))
 
     def set_method(self, name: str) -> None:
@@ -335,7 +119,7 @@ class MissionWorker:
     def _set(self, field_name: str, value: Any, setter: str) -> None:
         with self._guard:
             if self._loaded is not None:
-                self._loaded = _replaced(self._loaded, **{field_name: value})
+                self._loaded = replace(self._loaded, **{field_name: value})
             self._send(Call(setter, (value,)))
 
     def set_pose(self, x: float, y: float, yaw: float) -> None:
@@ -365,7 +149,7 @@ class MissionWorker:
         with self._guard:
             ours, theirs = self._context.Pipe()
             process = self._context.Process(
-                target=_child_main, args=(theirs, ours), name="covernav-mission", daemon=True
+                target=child_main, args=(theirs, ours), name="covernav-mission", daemon=True
             )
             process.start()
             theirs.close()
@@ -374,7 +158,7 @@ class MissionWorker:
             if self._loaded is not None:
                 resume = self._snapshot is not None
                 playing = self._loaded.playing and not resume
-                self._send(_replaced(self._loaded, snapshot=self._snapshot, playing=playing))
+                self._send(replace(self._loaded, snapshot=self._snapshot, playing=playing))
 
     def _send(self, order: Any) -> None:
         running = self._running
@@ -438,10 +222,6 @@ class MissionWorker:
             self._listeners.died(reason, restore)
             if restore and not self._closing:
                 self._spawn()
-
-
-def _replaced(load: Load, **changes: Any) -> Load:
-    return Load(**{**load.__dict__, **changes})
 
 
 def _how_it_ended(exitcode: int | None) -> str:

@@ -2,12 +2,15 @@
 
 import asyncio
 import math
+import os
+import signal
 from pathlib import Path
 
 import pytest
 
+from app.changes import Change, Kind, Selection, StudioError
 from app.store import Store
-from app.studio import Change, Kind, Selection, Studio, StudioError
+from app.studio import Studio
 from planner.frames import Status
 from scenes.scenario import CoverSpec, ObserverSpec, ObstacleSpec
 
@@ -32,7 +35,7 @@ class SilentWorker:
 def studio(tmp_path: Path, meadow) -> Studio:
     """A studio whose mission process is not started: for all that is not about driving."""
     studio = Studio(Store(tmp_path), meadow, "meadow-test")
-    studio._worker = SilentWorker()
+    studio._drive.worker = SilentWorker()
     return studio
 
 
@@ -41,7 +44,7 @@ def test_setting_the_goal_edits_the_scenario_and_tells_the_mission(studio):
     studio.subscribe(told.append)
     studio.set_goal(2.0, 1.0)
     assert (studio.scenario.goal.x, studio.scenario.goal.y) == (2.0, 1.0)
-    assert studio._worker.orders[-1][0] == "edit"
+    assert studio._drive.worker.orders[-1][0] == "edit"
     assert Change.EDITED in told and studio.dirty
 
 
@@ -206,14 +209,11 @@ def test_an_edit_in_mid_drive_takes_effect_without_a_restart(tmp_path, meadow):
 
 
 def test_a_dead_mission_process_is_said_and_the_mission_goes_on(tmp_path, meadow):
-    import os
-    import signal
-
     async def story(studio: Studio) -> None:
         studio.set_perception("oracle")
         studio.play()
         await until(lambda: studio.frame is not None and studio.frame.time_s > 1.0)
-        os.kill(studio._worker.pid, signal.SIGKILL)
+        os.kill(studio._drive.worker.pid, signal.SIGKILL)
         await until(lambda: studio.error is not None)
         assert "SIGKILL" in studio.message
         studio.play()

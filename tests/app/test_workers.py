@@ -6,7 +6,8 @@ import signal
 
 import pytest
 
-from app.workers import MissionWorker, Progress
+from app.mission_process import Progress
+from app.workers import MissionWorker
 from planner.frames import Perception, Status
 
 PATIENCE_S = 60.0
