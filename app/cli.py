@@ -166,12 +166,15 @@ def _open(name: str):
 
 def _serve(arguments: argparse.Namespace) -> None:
     from app.server import serve
-    from app.settings import Settings
+    from app.settings import Settings, SettingsError
 
-    settings = Settings.make(
-        host=arguments.host, port=arguments.port, workspace=arguments.workspace, token=arguments.token
-    )
-    serve(settings, arguments.scenario)
+    try:
+        settings = Settings.make(
+            host=arguments.host, port=arguments.port, workspace=arguments.workspace, token=arguments.token
+        )
+        serve(settings, arguments.scenario)
+    except SettingsError as error:
+        raise Refusal(str(error)) from None
 
 
 def _run(arguments: argparse.Namespace) -> None:
