@@ -12,9 +12,9 @@ from scenes.husky import AXLE_Y, WHEEL_RADIUS
 from scenes.pose import Twist
 from scenes.robot import HUSKY
 
-TRACK_FACTOR = 1.875
-SPEED_GAINS = (0.2, 2.0)
-YAW_GAINS = (0.3, 4.0)
+TRACK_FACTOR = 1.4
+SPEED_GAIN, SPEED_INTEGRAL_GAIN = 0.2, 2.0
+YAW_INTEGRAL_GAIN = 2.0
 MAX_SPEED_CORRECTION = 0.3
 MAX_YAW_CORRECTION = 3.0
 MAX_WHEEL_SPEED = 14.0
@@ -46,13 +46,13 @@ def drive(state: DriveState, command: Twist, measured: Twist, dt: float) -> tupl
     )
     speed_error, yaw_error = v - measured.v, w - measured.w
     speed_correction = _clip(
-        state.speed_correction + SPEED_GAINS[1] * speed_error * dt, -MAX_SPEED_CORRECTION, MAX_SPEED_CORRECTION
+        state.speed_correction + SPEED_INTEGRAL_GAIN * speed_error * dt, -MAX_SPEED_CORRECTION, MAX_SPEED_CORRECTION
     )
     yaw_correction = _clip(
-        state.yaw_correction + YAW_GAINS[1] * yaw_error * dt, -MAX_YAW_CORRECTION, MAX_YAW_CORRECTION
+        state.yaw_correction + YAW_INTEGRAL_GAIN * yaw_error * dt, -MAX_YAW_CORRECTION, MAX_YAW_CORRECTION
     )
-    forward = v + speed_correction + SPEED_GAINS[0] * speed_error
-    turning = TRACK_FACTOR * w + yaw_correction + YAW_GAINS[0] * yaw_error
+    forward = v + speed_correction + SPEED_GAIN * speed_error
+    turning = TRACK_FACTOR * w + yaw_correction
     left = (forward - AXLE_Y * turning) / WHEEL_RADIUS
     right = (forward + AXLE_Y * turning) / WHEEL_RADIUS
     return (

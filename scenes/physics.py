@@ -33,6 +33,10 @@ WHEEL_TORQUE = 30.0
 GROUND_FRICTION = 0.9
 """Rubber on dry earth, so that the Husky holds and climbs 22°."""
 
+SIDEWAYS_GRIP = 0.5
+"""A tyre's grip across, as a share of that along. With equal grip the wheels stick and slip by turns and the
+robot turns in jerks of ±0.5 rad/s; with less than 0.4 it slides down a slope of 20° that it crosses."""
+
 COVER_FRICTION = 0.4
 """Less than ground, so that wheels do not climb walls."""
 
@@ -73,6 +77,7 @@ class World:
     start : where the robot stands at first
     cover_meshes : cover collides by its full mesh, crowns too, as `scenes.rays` sees it: for comparing
         ray casts and images with Bullet's own, not for driving
+    time_s : when it begins; moving obstacles are where their beats have them then
 
     Raises ValueError for heights or positions that are no numbers or off the map.
     """
@@ -85,6 +90,7 @@ class World:
         start: Start | None = None,
         *,
         cover_meshes: bool = False,
+        time_s: float = 0.0,
     ):
         if not np.isfinite(heightmap.heights).all():
             raise ValueError("the heightmap holds heights that are not finite; fill missing cells first")
@@ -94,12 +100,15 @@ class World:
         self._closed = weakref.finalize(self, bullet.disconnect, self._client)
         self._cover: dict[int, tuple[CoverObject, int]] = {}
         self._obstacles: tuple[tuple[MovingObstacle, int], ...] = ()
-        self._steps = 0
+        self._steps = round(time_s / STEP_S)
         self._drive = DriveState()
         self._touching: tuple[Contact, ...] = ()
         bullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
         bullet.setPhysicsEngineParameter(
-            fixedTimeStep=STEP_S, deterministicOverlappingPairs=1, physicsClientId=self._client
+            fixedTimeStep=STEP_S,
+            deterministicOverlappingPairs=1,
+            enableConeFriction=0,  # with it, friction of a turning wheel depends on its heading
+            physicsClientId=self._client,
         )
         self._ground = self._add_ground()
         self._add_walls()
@@ -302,6 +311,8 @@ class World:
             heightfieldData=heights.ravel().tolist(),
             numHeightfieldRows=columns,  # Bullet's rows are samples along x
             numHeightfieldColumns=rows,
+            # Without it, tyres that slide sideways jam on the edges between coplanar triangles.
+            flags=bullet.GEOM_CONCAVE_INTERNAL_EDGE,
             physicsClientId=self._client,
         )
         # Bullet centres a height field on the middle of its range.
@@ -329,13 +340,18 @@ class World:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "husky.urdf"
             path.write_text(driving_urdf(), "utf-8")
-            robot = bullet.loadURDF(str(path), physicsClientId=self._client)
+            robot = bullet.loadURDF(
+                str(path), flags=bullet.URDF_USE_IMPLICIT_CYLINDER, physicsClientId=self._client
+            )
         joints = {
             bullet.getJointInfo(robot, index, physicsClientId=self._client)[1].decode(): index
             for index in range(bullet.getNumJoints(robot, physicsClientId=self._client))
         }
         self._wheels = [joints[wheel] for wheel in WHEELS]
-        bullet.changeDynamics(robot, -1, activationState=4, physicsClientId=self._client)  # never sleeps
+        for wheel in self._wheels:
+            bullet.changeDynamics(
+                robot, wheel, anisotropicFriction=(1.0, SIDEWAYS_GRIP, 1.0), physicsClientId=self._client
+            )
         return robot
 
     def _add_cover(self, thing: CoverObject) -> int:
