@@ -1,0 +1,319 @@
+"""The Husky's senses: a VLP-16, a semantic RGB-D camera and wheel odometry, each with its own noise.
+
+Sensors ask the ray scene with the true pose; what they hand on is in their own or the body's frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from scenes.pose import Pose, Twist, wrap_angle
+from scenes.rays import Hits, RayScene
+from scenes.robot import HUSKY
+from scenes.terrain import SURFACES, Heightmap, Surface
+
+SUN = np.array([-0.4, -0.5, 0.77]) / np.linalg.norm([-0.4, -0.5, 0.77])
+"""Unit vector toward the light, world frame."""
+
+AMBIENT = 0.45
+SKY_COLOUR = (176, 206, 235)
+SURFACE_COLOURS = {
+    Surface.GRASS: (112, 132, 84),
+    Surface.TRAIL: (172, 152, 118),
+    Surface.GRAVEL: (146, 141, 131),
+    Surface.MUD: (104, 86, 66),
+    Surface.SAND: (194, 176, 134),
+    Surface.ROCK: (124, 120, 113),
+    Surface.ASPHALT: (88, 89, 92),
+    Surface.WATER: (74, 92, 92),
+}
+"""RGB, 0 to 255, of the ground in the camera's image."""
+
+
+@dataclass(frozen=True)
+class LidarConfig:
+    """Velodyne VLP-16: 16 beams from -15° to +15°, 0.9 to 100 m.
+
+    azimuths : columns a turn. 900, every 0.4°, is what the sensor gives at 20 turns a second; at its 10
+        turns a second it gives 1,800, for twice the time.
+    noise : standard deviation of a range in metres (8 mm in Velodyne's public simulator)
+    mount : `pose_base_sensor`
+    """
+
+    azimuths: int = 900
+    beams: int = 16
+    lowest: float = math.radians(-15.0)
+    highest: float = math.radians(15.0)
+    min_range: float = 0.9
+    max_range: float = 100.0
+    noise: float = 0.008
+    mount: Pose = HUSKY.lidar_mount
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """The returns of one turn; what returned nothing is left out.
+
+    points : (n, 3) float32 in the world, by the robot's true pose: for drawing, not for the robot
+    points_body : (n, 3) float32 in the robot's base frame
+    ranges : (n,) float32 metres from the sensor
+    body : (n,) int32 what was hit, as in `RayScene.bodies`; it stands for a segmentation of the cloud
+    column, beam : (n,) int32 which azimuth, counter-clockwise from straight ahead, and which of the beams,
+        from the lowest up
+    """
+
+    points: np.ndarray
+    points_body: np.ndarray
+    ranges: np.ndarray
+    body: np.ndarray
+    column: np.ndarray
+    beam: np.ndarray
+
+
+class Lidar:
+    """A turning lidar. The robot does not move during a turn: it is cast at one instant."""
+
+    def __init__(self, config: LidarConfig | None = None):
+        self.config = config or LidarConfig()
+
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """(azimuths × beams, 3) float64 unit vectors in the base frame, from straight ahead counter-clockwise,
+        lowest beam first."""
+        config = self.config
+        azimuth, elevation = np.meshgrid(
+            np.linspace(0.0, 2.0 * np.pi, config.azimuths, endpoint=False),
+            np.linspace(config.lowest, config.highest, config.beams),
+            indexing="ij",
+        )
+        rays = np.stack(
+            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], -1
+        )
+        return rays.reshape(-1, 3) @ config.mount.rotation.T
+
+    def scan(self, rays: RayScene, pose: Pose, rng: np.random.Generator) -> PointCloud:
+        """One turn of a robot whose true `pose_world_base` is `pose`.
+
+        A thing nearer than the least range swallows the beam: no return, and nothing is seen through it.
+        """
+        config = self.config
+        origin = pose.to_world(config.mount.position)
+        hits = rays.cast(origin, self.directions @ pose.rotation.T, config.max_range)
+        # Every beam draws, so that the noise of one does not depend on what the others hit.
+        noise = config.noise * rng.standard_normal(len(self.directions), dtype=np.float32)
+        heard = np.flatnonzero((hits.distance >= config.min_range) & (hits.body >= 0))
+        ranges = hits.distance[heard] + noise[heard]
+        points = config.mount.position + ranges[:, None] * self.directions[heard]
+        column, beam = np.divmod(heard.astype(np.int32), config.beams)
+        return PointCloud(
+            pose.to_world(points).astype(np.float32),
+            points.astype(np.float32),
+            ranges,
+            hits.body[heard],
+            column,
+            beam,
+        )
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """A semantic RGB-D camera that looks along the body's x axis at a zero mount rotation.
+
+    fov_horizontal : radians across the image's width
+    noise : of depth, standard deviation in metres at 1 m, growing with the square of depth as stereo's does
+    """
+
+    width: int = 320
+    height: int = 240
+    fov_horizontal: float = math.radians(87.0)
+    min_range: float = 0.3
+    max_range: float = 20.0
+    noise: float = 0.0
+    mount: Pose = HUSKY.camera_mount
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """Pinhole without distortion, square pixels: u = cx + fx · right / depth, v = cy + fy · down / depth.
+
+    Pixel (u, v) has its centre at whole numbers; (cx, cy) is the middle of the image.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
+@dataclass(frozen=True, eq=False)
+class CameraImage:
+    """What the camera sees; row 0 is at the top, u runs right along a row, v down.
+
+    depth : (height, width) float32 metres along the optical axis, NaN where nothing is in range
+    body : (height, width) int32 instance, as in `RayScene.bodies`, -1 where nothing is in range
+    class_id : (height, width) int32 of the instance's class, -1 for ground and for nothing
+    surface : (height, width) int8 index into `scenes.terrain.SURFACES` on the ground, else -1
+    rgb : (height, width, 3) uint8
+    pose : `pose_base_camera`, x along the optical axis, y left, z up
+    """
+
+    depth: np.ndarray
+    body: np.ndarray
+    class_id: np.ndarray
+    surface: np.ndarray
+    rgb: np.ndarray
+    intrinsics: Intrinsics
+    pose: Pose
+
+    def points_body(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """(n, 3) base-frame points of pixels, by their depth."""
+        k = self.intrinsics
+        depth = self.depth[rows, columns].astype(float)
+        offsets = np.column_stack(
+            [np.ones(len(depth)), -(columns - k.cx) / k.fx, -(rows - k.cy) / k.fy]
+        )
+        return self.pose.to_world(depth[:, None] * offsets)
+
+
+class SemanticCamera:
+    """A camera that also knows what each pixel belongs to: it stands for a segmentation network without error."""
+
+    def __init__(self, config: CameraConfig | None = None):
+        self.config = config or CameraConfig()
+
+    @cached_property
+    def intrinsics(self) -> Intrinsics:
+        config = self.config
+        focal = 0.5 * config.width / math.tan(0.5 * config.fov_horizontal)
+        return Intrinsics(
+            config.width, config.height, focal, focal, 0.5 * (config.width - 1), 0.5 * (config.height - 1)
+        )
+
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """(height × width, 3) float64 unit vectors in the base frame, row by row."""
+        k = self.intrinsics
+        v, u = np.mgrid[: k.height, : k.width]
+        rays = np.stack([np.ones(u.shape), -(u - k.cx) / k.fx, -(v - k.cy) / k.fy], -1).reshape(-1, 3)
+        return (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ self.config.mount.rotation.T
+
+    @cached_property
+    def _cosines(self) -> np.ndarray:
+        axis = self.config.mount.rotation[:, 0]
+        return (self.directions @ axis).astype(np.float32)
+
+    def capture(self, rays: RayScene, pose: Pose, rng: np.random.Generator) -> CameraImage:
+        """One image by a robot whose true `pose_world_base` is `pose`."""
+        config = self.config
+        shape = config.height, config.width
+        origin = pose.to_world(config.mount.position)
+        directions = self.directions @ pose.rotation.T
+        hits = rays.cast(origin, directions, config.max_range / float(self._cosines.min()))
+        depth = hits.distance * self._cosines
+        if config.noise > 0.0:
+            depth = depth + config.noise * depth**2 * rng.standard_normal(len(depth), dtype=np.float32)
+        seen = (depth >= config.min_range) & (depth <= config.max_range)
+        classes = np.array([*(body.class_id for body in rays.bodies), -1], np.int32)
+        surface = _surface_hit(rays.heightmap, hits, origin, directions)
+        colour = _colour(rays, hits, surface, directions)
+        body = np.where(seen, hits.body, -1).astype(np.int32)
+        return CameraImage(
+            np.where(seen, depth, np.nan).astype(np.float32).reshape(shape),
+            body.reshape(shape),
+            classes[body].reshape(shape),
+            np.where(seen, surface, -1).astype(np.int8).reshape(shape),
+            colour.reshape(*shape, 3),
+            self.intrinsics,
+            config.mount,
+        )
+
+
+def _surface_hit(heightmap: Heightmap, hits: Hits, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(n,) int8 surface class where a ray hit the ground, else -1."""
+    surface = np.full(len(hits.body), -1, np.int8)
+    ground = np.flatnonzero(hits.body == 0)
+    points = origin[:2] + hits.distance[ground, None] * directions[ground, :2]
+    rows, columns = heightmap.shape
+    row = np.rint((points[:, 1] - heightmap.y_min) / heightmap.resolution).astype(int)
+    column = np.rint((points[:, 0] - heightmap.x_min) / heightmap.resolution).astype(int)
+    surface[ground] = heightmap.surface[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
+    return surface
+
+
+def _colour(rays: RayScene, hits: Hits, surface: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(n, 3) uint8: material colour under Lambert's law, the sky where nothing was hit."""
+    table = np.array([*(SURFACE_COLOURS[surface] for surface in SURFACES), SKY_COLOUR], np.uint8)
+    colour = np.where((surface >= 0)[:, None], table[surface], rays.colours(hits))
+    normal = hits.normal
+    length = np.linalg.norm(normal, axis=1)
+    # A face seen from behind is lit as the side that one sees.
+    facing = -np.sign(np.einsum("ij,ij->i", normal, directions.astype(np.float32)))
+    light = facing * (normal @ SUN.astype(np.float32)) / np.where(length > 0.0, length, 1.0)
+    shade = AMBIENT + (1.0 - AMBIENT) * np.clip(light, 0.0, 1.0)
+    colour = np.rint(colour * shade[:, None]).astype(np.uint8)
+    colour[hits.body < 0] = SKY_COLOUR
+    return colour
+
+
+@dataclass(frozen=True)
+class OdometryConfig:
+    """Standard deviations; all zero by default: the robot knows its pose.
+
+    drift : metres of position error gathered per square root of a metre driven
+    yaw_drift : radians per square root of a radian turned, and a tenth of it per square root of a metre driven
+    position_noise, yaw_noise : metres and radians, anew at every measurement
+    speed_noise, yaw_rate_noise : m/s and rad/s, anew at every measurement
+    """
+
+    drift: float = 0.0
+    yaw_drift: float = 0.0
+    position_noise: float = 0.0
+    yaw_noise: float = 0.0
+    speed_noise: float = 0.0
+    yaw_rate_noise: float = 0.0
+
+
+class Odometry:
+    """Where the robot believes to be: right at its first measurement, then by adding up what it thinks it
+    drove. Height, roll and pitch are the true ones (an altimeter and an inertial unit)."""
+
+    def __init__(self, config: OdometryConfig | None = None):
+        self.config = config or OdometryConfig()
+        self.reset()
+
+    def reset(self) -> None:
+        """Know the pose again at the next measurement, as after the robot has been put somewhere."""
+        self._last: Pose | None = None
+        self._error = np.zeros(3)
+
+    def measure(self, pose: Pose, twist: Twist, rng: np.random.Generator) -> tuple[Pose, Twist]:
+        """The estimated `pose_world_base` and twist for the true ones."""
+        draws = rng.standard_normal(8)
+        if self._last is not None:
+            self._drift(pose, draws[:3])
+        self._last = pose
+        config = self.config
+        error = self._error + draws[3:6] * (config.position_noise, config.position_noise, config.yaw_noise)
+        if not error.any() and not config.speed_noise and not config.yaw_rate_noise:
+            return pose, twist
+        yaw = float(wrap_angle(pose.yaw + error[2]))
+        estimate = replace(pose, x=pose.x + float(error[0]), y=pose.y + float(error[1]), yaw=yaw)
+        v = twist.v + config.speed_noise * float(draws[6])
+        w = twist.w + config.yaw_rate_noise * float(draws[7])
+        return estimate, Twist(v, w)
+
+    def _drift(self, pose: Pose, draws: np.ndarray) -> None:
+        assert self._last is not None
+        step = pose.position[:2] - self._last.position[:2]
+        driven, turned = float(np.hypot(*step)), abs(float(wrap_angle(pose.yaw - self._last.yaw)))
+        # What is driven under a wrong heading goes astray by that angle.
+        cos, sin = math.cos(self._error[2]), math.sin(self._error[2])
+        astray = np.array([cos * step[0] - sin * step[1], sin * step[0] + cos * step[1]]) - step
+        self._error[:2] += astray + self.config.drift * math.sqrt(driven) * draws[:2]
+        self._error[2] += self.config.yaw_drift * (math.sqrt(turned) + 0.1 * math.sqrt(driven)) * draws[2]
