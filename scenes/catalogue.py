@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -159,7 +160,7 @@ class Footprint:
             return float(separation)
         return float(min(other.distance(ours).min(), self.distance(theirs).min()))
 
-    @property
+    @cached_property
     def corners(self) -> np.ndarray:
         """(4, 2) world corners of the rectangle, or of the square about the disc."""
         half_length, half_width = 0.5 * self.length, 0.5 * (self.length if self.round else self.width)
@@ -175,7 +176,7 @@ class Footprint:
         u, v = np.meshgrid(*(np.linspace(0.0, 1.0, count) for count in steps))
         return corner + u.reshape(-1, 1) * (along - corner) + v.reshape(-1, 1) * (across - corner)
 
-    @property
+    @cached_property
     def radius(self) -> float:
         """Radius of the circle about (x, y) that holds the outline."""
         return 0.5 * (self.length if self.round else float(np.hypot(self.length, self.width)))

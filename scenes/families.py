@@ -71,7 +71,9 @@ def generate(
     for attempt in range(MAX_ATTEMPTS):
         rng = np.random.default_rng([seed, list(Family).index(family), attempt])
         land = Landscape(rng, RECIPES[family], size_m, resolution, goal_distance)
-        if land.ends_are_gentle() and reachable(land.ground, land.cover, *land.route, clearance=0.5 * PASSAGE):
+        if land.ends_are_gentle() and reachable(
+            land.ground, land.cover, *land.route, clearance=0.5 * PASSAGE
+        ):
             return _document(rng, land, family, seed, observers)
     raise ScenarioError(
         f"seed {seed} of {family.value} gives no reachable goal {goal_distance:g} m away on a map of"
@@ -92,7 +94,13 @@ def _checked(
     for name, value, unit, low, high in (
         ("seed", seed, "", 0, 2**63 - 1),
         ("size", size_m, f" m at {resolution:g} m a cell", MIN_SIZE, largest),
-        ("goal distance", goal_distance, f" m on a map of {size_m:g} m", MIN_GOAL_DISTANCE, size_m - 2 * ENDS_FROM_EDGE),
+        (
+            "goal distance",
+            goal_distance,
+            f" m on a map of {size_m:g} m",
+            MIN_GOAL_DISTANCE,
+            size_m - 2 * ENDS_FROM_EDGE,
+        ),
         ("number of observers", observers, "", 0, MAX_OBSERVERS),
     ):
         if not low <= value <= high:

@@ -12,7 +12,7 @@ from scipy import ndimage
 from scenes.catalogue import CoverKind
 from scenes.placement import Plot, Segment, distance_to_segment, draw
 from scenes.relief import Pond, Trail, distance_to, fractal, level_pad
-from scenes.scenario import CoverSpec
+from scenes.scenario import CoverObject, CoverSpec
 from scenes.terrain import SURFACE_CODE, Heightmap, Surface
 
 ENDS_FROM_EDGE = 2.5
@@ -78,7 +78,7 @@ class Landscape:
         self._furnish()
 
     @property
-    def cover(self) -> list:
+    def cover(self) -> list[CoverObject]:
         return self.plot.cover
 
     def ends_are_gentle(self) -> bool:
@@ -127,7 +127,7 @@ class Landscape:
     def _build(self) -> None:
         """Houses off the way, each on a levelled pad; few of them bar the straight line to the goal."""
         middle = 0.5 * np.sum(self.route, axis=0)
-        line = np.linspace(*np.array(self.route), 40)
+        line = np.linspace(self.route[0], self.route[1], 40)
         for _ in range(self.rng.integers(*self.recipe.buildings, endpoint=True)):
             for _ in range(30):
                 x, y = middle + self.rng.normal(0.0, 0.4 * self.half, 2)
@@ -157,7 +157,9 @@ class Landscape:
             if len(places) == 0:
                 continue
             window = round(2.0 * (radius + 1.5) / ground.resolution)
-            drop = ndimage.maximum_filter(ground.heights, window) - ndimage.minimum_filter(ground.heights, window)
+            drop = ndimage.maximum_filter(ground.heights, window) - ndimage.minimum_filter(
+                ground.heights, window
+            )
             height = ndimage.uniform_filter(ground.heights, window)
             awkward = (2.0 * drop + height)[ground.cells(*places.T)]
             x, y = places[np.argmin(awkward)]
@@ -203,7 +205,9 @@ class Landscape:
 
     def _furnish(self) -> None:
         self._put_on_route()
-        for _ in range(round(self.rng.integers(*self.recipe.fences, endpoint=True) * max(0.5, self.area / 2.3))):
+        for _ in range(
+            round(self.rng.integers(*self.recipe.fences, endpoint=True) * max(0.5, self.area / 2.3))
+        ):
             self._put_fence()
         for kind, density in self.recipe.density.items():
             for _ in range(self.rng.poisson(density * self.area)):
@@ -230,7 +234,7 @@ class Landscape:
             first = self._draw((CoverKind.FENCE,), *self._anywhere())
             if not self.plot.put(first):
                 continue
-            yaw, pitch = math.radians(first.yaw), (first.length or 0.0) + 0.04
+            yaw, pitch = math.radians(first.yaw), first.length + 0.04
             for place in range(1, int(self.rng.integers(2, 5))):
                 x, y = first.x + place * pitch * math.cos(yaw), first.y + place * pitch * math.sin(yaw)
                 panel = first.model_copy(update={"x": round(x, 3), "y": round(y, 3)})

@@ -64,7 +64,7 @@ def cover_mesh(cover: CoverSpec) -> trimesh.Trimesh:
 
     The shape varies with the object's kind, size and id, so it stays the same when the object is moved.
     """
-    length, width, height = _size(cover)
+    length, width, height = cover.size
     label = f"{cover.kind.value} {length:.3f} {width:.3f} {height:.3f} {getattr(cover, 'id', 0)}"
     rng = np.random.default_rng(zlib.crc32(label.encode()))
     return BUILDERS[cover.kind](rng, length, width, height).fitted(length, width, height).mesh()
@@ -78,9 +78,8 @@ def walker_mesh(kind: Literal["person", "vehicle", "observer"]) -> trimesh.Trime
 
 def collision_shapes(cover: CoverSpec) -> tuple[CollisionBox | CollisionCylinder, ...]:
     """What a robot runs into: the footprint drawn up from below the ground; of a tree, the trunk alone."""
-    length, width, height = _size(cover)
     outline = cover.footprint
-    top = crown_base(height) if cover.kind is CoverKind.TREE else height
+    top = crown_base(cover.height) if cover.kind is CoverKind.TREE else cover.height
     depth = skirt_depth(cover.kind)
     centre = (0.0, 0.0, 0.5 * (top - depth))
     if outline.round:
@@ -101,9 +100,3 @@ def cover_pose(heightmap: Heightmap, cover: CoverSpec) -> Pose:
     ground = heightmap.height_at(x, y)
     z = min(float(ground.mean()), float(ground.min()) + 0.8 * skirt_depth(cover.kind))
     return Pose(cover.x, cover.y, z, yaw=outline.yaw)
-
-
-def _size(cover: CoverSpec) -> tuple[float, float, float]:
-    length, width, height = cover.length, cover.width, cover.height
-    assert length is not None and width is not None and height is not None  # filled in by the document
-    return length, width, height

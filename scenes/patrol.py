@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 
 def patrol_pose(
@@ -18,7 +19,7 @@ def patrol_pose(
     if len(points) < 2 or speed <= 0.0:
         return (*points[0], yaw)
     course = [*points, points[0]] if loop else [*points, *reversed(points[:-1])]
-    legs = [(a, b, math.dist(a, b)) for a, b in zip(course, course[1:], strict=False)]
+    legs = [(a, b, math.dist(a, b)) for a, b in pairwise(course)]
     total = sum(length for *_, length in legs)
     if total <= 0.0:
         return (*points[0], yaw)

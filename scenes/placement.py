@@ -36,15 +36,14 @@ class Plot:
         self.cover: list[CoverObject] = []
         self._outlines: list[Footprint] = []
         self._crowns: list[Footprint] = []
+        self._reach = np.zeros((0, 3))
         self._ground: Heightmap | None = None
         self._to_kept_clear = np.zeros((0, 0))
 
     def keep_clear(self, ground: Heightmap, cells: np.ndarray) -> None:
         """From now on nothing is put on these cells (rows, cols), nor anything rigid on a steep place."""
         self._ground = ground
-        self._to_kept_clear = np.asarray(
-            ndimage.distance_transform_edt(~cells, sampling=ground.resolution)
-        )
+        self._to_kept_clear = np.asarray(ndimage.distance_transform_edt(~cells, sampling=ground.resolution))
 
     def put(self, thing: CoverSpec, gap: float = 0.3) -> bool:
         """Add the object, numbered, if it stands free of all others by `gap` metres; says whether it did."""
@@ -59,20 +58,21 @@ class Plot:
         self.cover.append(CoverObject(id=len(self.cover) + 1, **thing.model_dump()))
         self._outlines.append(outline)
         self._crowns.append(crown)
+        self._reach = np.vstack([self._reach, (crown.x, crown.y, crown.radius)])
         return True
 
     def _ground_allows(self, kind: CoverKind, outline: Footprint) -> bool:
         if self._ground is None:
             return True
+        if outline.round:
+            return bool(self._to_kept_clear[self._ground.cell(outline.x, outline.y)] > outline.radius + 0.3)
         points = outline.lattice(0.4)
         if (self._to_kept_clear[self._ground.cells(*points.T)] < 0.3).any():
             return False
         return kind not in RIGID or bool(np.ptp(self._ground.height_at(*points.T)) < RIGID_DROP)
 
     def _touches(self, thing: CoverSpec, outline: Footprint, crown: Footprint, gap: float) -> bool:
-        if not self._crowns:
-            return False
-        x, y, radius = np.array([(other.x, other.y, other.radius) for other in self._crowns]).T
+        x, y, radius = self._reach.T
         near = np.hypot(x - thing.x, y - thing.y) < radius + crown.radius + gap
         for index in np.flatnonzero(near):
             if thing.kind in TALL and self.cover[index].kind in TALL:
@@ -86,14 +86,14 @@ class Plot:
 
 def crown_outline(thing: CoverSpec) -> Footprint:
     """The object seen from above: of a tree most of its crown, so that crowns may touch, no more."""
-    length, width = thing.length or 0.0, thing.width or 0.0
     share = CROWN_SHARE if thing.kind is CoverKind.TREE else 1.0
-    return Footprint(
-        thing.x, thing.y, math.radians(thing.yaw), share * length, share * width, CATALOGUE[thing.kind].round
-    )
+    length, width = share * thing.length, share * thing.width
+    return Footprint(thing.x, thing.y, math.radians(thing.yaw), length, width, CATALOGUE[thing.kind].round)
 
 
-def draw(rng: np.random.Generator, kind: CoverKind, x: float, y: float, yaw: float | None = None) -> CoverSpec:
+def draw(
+    rng: np.random.Generator, kind: CoverKind, x: float, y: float, yaw: float | None = None
+) -> CoverSpec:
     """An object of a random, ordinary size; yaw in degrees, random when left out."""
     entry = CATALOGUE[kind]
     scale = rng.uniform(0.75, 1.3)

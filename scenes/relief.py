@@ -24,9 +24,7 @@ def fractal(
     metres; their amplitude falls with the power `falloff` of frequency (spectral synthesis)."""
     padded = int(1.3 * cells)
     noise = np.fft.rfft2(rng.normal(size=(padded, padded)))
-    frequency = np.hypot(
-        np.fft.fftfreq(padded, resolution)[:, None], np.fft.rfftfreq(padded, resolution)
-    )
+    frequency = np.hypot(np.fft.fftfreq(padded, resolution)[:, None], np.fft.rfftfreq(padded, resolution))
     frequency[0, 0] = np.inf
     gain = np.maximum(frequency, 1.0 / longest) ** -falloff
     gain *= np.exp(-((frequency * shortest) ** 2)) * (1.0 - np.exp(-((frequency * 1.5 * longest) ** 2)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,8 +28,8 @@ class Husky:
     max_slope: float = math.radians(22.0)
     max_step: float = 0.15
     max_tilt: float = math.radians(30.0)
-    lidar_mount: Pose = Pose(0.0, 0.0, 0.75)
-    camera_mount: Pose = Pose(0.30, 0.0, 0.60)
+    lidar_mount: Pose = field(default_factory=lambda: Pose(0.0, 0.0, 0.75))
+    camera_mount: Pose = field(default_factory=lambda: Pose(0.30, 0.0, 0.60))
 
     @property
     def circumscribed_radius(self) -> float:

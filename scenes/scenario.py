@@ -9,157 +9,62 @@ from __future__ import annotations
 import json
 import math
 import os
-import tempfile
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    PlainSerializer,
-    PlainValidator,
-    ValidationError,
-    WithJsonSchema,
-    model_validator,
-)
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from scenes.catalogue import CATALOGUE, CoverKind, Footprint, footprint
+from scenes.document import (
+    Coordinate,
+    Degrees,
+    Document,
+    Identifier,
+    Name,
+    ScenarioError,
+    between,
+    first_message,
+    write_atomically,
+)
 from scenes.patrol import patrol_pose
 from scenes.robot import HUSKY
-from scenes.terrain import MAX_CELLS, MAX_HEIGHT, MIN_CELLS, Heightmap, Quality, Surface
+from scenes.terrain import Heightmap, Quality, Surface
+from scenes.terrain_document import Family, GeneratedSource, SurveySource, Terrain
+
+__all__ = [
+    "CoverObject",
+    "CoverSpec",
+    "Document",
+    "Family",
+    "GeneratedSource",
+    "MovingObstacle",
+    "Name",
+    "Observer",
+    "ObserverSpec",
+    "ObstacleKind",
+    "ObstacleSpec",
+    "Patrol",
+    "Point",
+    "Scenario",
+    "ScenarioError",
+    "Start",
+    "SurveySource",
+    "Terrain",
+    "Walker",
+    "between",
+    "first_message",
+    "off_the_map",
+    "why_not_standing",
+    "write_atomically",
+]
 
 MAX_COVER = 2000
 MAX_OBSERVERS = 200
 MAX_OBSTACLES = 100
 MAX_WAYPOINTS = 100
 MAX_FILE_BYTES = 32 * 2**20
-
-Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-5000.0, le=5000.0)]
-Degrees = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-360.0, le=360.0)]
-Identifier = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
-Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f<>]+$")]
-
-
-def Metres(low: float, high: float) -> Any:  # noqa: N802 - reads as a type
-    return Annotated[float, Field(strict=True, allow_inf_nan=False, ge=low, le=high)]
-
-
-class ScenarioError(ValueError):
-    """A scenario that cannot be used; the message names the place and what would be right."""
-
-
-class Document(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
-
-
-class Family(StrEnum):
-    """The paper's four terrains."""
-
-    NORMAL = "normal"
-    LOW = "low"
-    LOW_HIGH = "low_high"
-    FOREST = "forest"
-
-
-class GeneratedSource(Document):
-    """Made by `scenes.families` from a seed."""
-
-    kind: Literal["generated"] = "generated"
-    family: Family
-    seed: Annotated[int, Field(strict=True, ge=0, le=2**63 - 1)]
-
-
-class SurveySource(Document):
-    """Imported from measurements; (easting, northing, elevation) is where the scene's origin lies."""
-
-    kind: Literal["survey"] = "survey"
-    file: Name
-    crs: Annotated[str, Field(max_length=4000)] | None = None
-    easting: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e9, le=1e9)] = 0.0
-    northing: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e9, le=1e9)] = 0.0
-    elevation: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-12000.0, le=9000.0)] = 0.0
-    vertical_scale: Metres(0.01, 100.0) = 1.0
-
-
-def _check_heights(value: Any) -> np.ndarray:
-    if isinstance(value, list):
-        rows, columns = len(value), len(value[0]) if value and isinstance(value[0], list) else 0
-        _check_size(rows, columns)
-        for index, row in enumerate(value):
-            if not isinstance(row, list) or len(row) != columns:
-                raise ValueError(f"row {index} must be a list of {columns} numbers like row 0")
-            for column, height in enumerate(row):
-                if type(height) not in (int, float):
-                    raise ValueError(f"row {index}, column {column} must be a number, got {height!r:.40}")
-        try:
-            value = np.array(value, dtype=np.float64)
-        except OverflowError:
-            raise ValueError("a height is too large to be a number of metres") from None
-    if not isinstance(value, np.ndarray) or value.ndim != 2:
-        raise ValueError("must be rows of numbers, south to north")
-    _check_size(*value.shape)
-    bad = np.argwhere(~(np.abs(value) <= MAX_HEIGHT))
-    if len(bad):
-        row, column = (int(i) for i in bad[0])
-        raise ValueError(
-            f"row {row}, column {column} is {value[row, column]}: "
-            f"every height must be finite and within ±{MAX_HEIGHT:g} m"
-        )
-    value = np.round(value, 3)
-    value.setflags(write=False)
-    return value
-
-
-def _check_size(rows: int, columns: int) -> None:
-    if not (MIN_CELLS <= rows <= MAX_CELLS and MIN_CELLS <= columns <= MAX_CELLS):
-        raise ValueError(f"the map is {rows} × {columns} cells; each side must have {MIN_CELLS} to {MAX_CELLS}")
-
-
-HeightRows = Annotated[
-    np.ndarray,
-    PlainValidator(_check_heights),
-    PlainSerializer(lambda heights: heights.tolist(), return_type=list),
-    WithJsonSchema({"type": "array", "items": {"type": "array", "items": {"type": "number"}}}),
-]
-SymbolRows = Annotated[tuple[Annotated[str, Field(max_length=MAX_CELLS)], ...], Field(max_length=MAX_CELLS)]
-
-
-class Terrain(Document):
-    """A height grid with a surface class and a measurement quality for every cell.
-
-    heights : rows south to north, columns west to east, metres, samples at cell centres
-    surface : one string a row, one letter a cell, see `scenes.terrain.Surface`
-    quality : likewise, see `scenes.terrain.Quality`; left out where every cell was measured or made
-    """
-
-    resolution: Metres(0.05, 10.0)
-    heights: HeightRows
-    surface: SymbolRows
-    quality: SymbolRows | None = None
-    source: GeneratedSource | SurveySource = Field(discriminator="kind")
-
-    @model_validator(mode="after")
-    def _symbols_fit(self) -> Terrain:
-        for field, rows, symbols in (
-            ("surface", self.surface, {s.value for s in Surface}),
-            ("quality", self.quality, {q.value for q in Quality}),
-        ):
-            if rows is None:
-                continue
-            if len(rows) != self.heights.shape[0]:
-                raise ValueError(f"{field} has {len(rows)} rows, heights has {self.heights.shape[0]}")
-            for index, row in enumerate(rows):
-                if len(row) != self.heights.shape[1]:
-                    raise ValueError(f"{field} row {index} has {len(row)} letters, not {self.heights.shape[1]}")
-                if not set(row) <= symbols:
-                    raise ValueError(f"{field} row {index} may use only the letters {''.join(sorted(symbols))}")
-        return self
-
-    def heightmap(self) -> Heightmap:
-        return Heightmap.from_symbols(self.heights, self.resolution, self.surface, self.quality)
 
 
 class Point(Document):
@@ -175,7 +80,7 @@ class Patrol(Document):
     """A beat from the walker's own position over the waypoints, back to the start or turning at the end."""
 
     waypoints: Annotated[tuple[Point, ...], Field(min_length=1, max_length=MAX_WAYPOINTS)]
-    speed: Metres(0.05, 20.0) = 1.2
+    speed: Annotated[float, between(0.05, 20.0)] = 1.2
     loop: bool = True
 
 
@@ -198,10 +103,10 @@ class ObserverSpec(Walker):
     """One who watches: eye height over the ground, facing `yaw`, field of view and range."""
 
     name: Name | None = None
-    eye_height: Metres(0.0, 100.0) = 1.7
-    fov_horizontal: Metres(0.0, 360.0) = 120.0
-    fov_vertical: Metres(0.0, 180.0) = 90.0
-    range: Metres(0.0, 5000.0) = 40.0
+    eye_height: Annotated[float, between(0.0, 100.0)] = 1.7
+    fov_horizontal: Annotated[float, between(0.0, 360.0)] = 120.0
+    fov_vertical: Annotated[float, between(0.0, 180.0)] = 90.0
+    range: Annotated[float, between(0.0, 5000.0)] = 40.0
     known: bool = True
 
 
@@ -209,26 +114,30 @@ class Observer(ObserverSpec):
     id: Identifier
 
 
+def _usual(side: str) -> Any:
+    """Default of one side: the class's usual size."""
+    return lambda data: getattr(CATALOGUE[data["kind"]], side).usual if "kind" in data else None
+
+
 class CoverSpec(Point):
-    """A cover object; a size that is left out takes the class's usual one."""
+    """A cover object; a side that is left out, or null, takes the class's usual size."""
 
     kind: CoverKind
     name: Name | None = None
     yaw: Degrees = 0.0
-    length: Metres(0.05, 60.0) | None = None
-    width: Metres(0.05, 60.0) | None = None
-    height: Metres(0.05, 60.0) | None = None
+    length: Annotated[float, between(0.05, 60.0)] = Field(default_factory=_usual("length"))
+    width: Annotated[float, between(0.05, 60.0)] = Field(default_factory=_usual("width"))
+    height: Annotated[float, between(0.05, 60.0)] = Field(default_factory=_usual("height"))
 
-    @model_validator(mode="before")
+    @field_validator("length", "width", "height", mode="before")
     @classmethod
-    def _usual_size(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("kind"), str) and data["kind"] in set(CoverKind):
-            entry = CATALOGUE[CoverKind(data["kind"])]
-            data = dict(data)
-            for side in ("length", "width", "height"):
-                if data.get(side) is None:
-                    data[side] = getattr(entry, side).usual
-        return data
+    def _null_is_usual(cls, value: Any, info: ValidationInfo) -> Any:
+        return _usual(str(info.field_name))(info.data) if value is None else value
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Length, width, height in metres."""
+        return self.length, self.width, self.height
 
     @property
     def footprint(self) -> Footprint:
@@ -284,16 +193,18 @@ class Scenario(Document):
     @model_validator(mode="after")
     def _places_make_sense(self) -> Scenario:
         heightmap = self.terrain.heightmap()
-        for field, things in (("cover", self.cover), ("observers", self.observers), ("obstacles", self.obstacles)):
+        for field, things in (
+            ("cover", self.cover),
+            ("observers", self.observers),
+            ("obstacles", self.obstacles),
+        ):
             seen: set[int] = set()
             for index, thing in enumerate(things):
                 if thing.id in seen:
                     raise ValueError(f"{field}[{index}].id {thing.id} is used twice")
                 seen.add(thing.id)
-                points = [thing]
-                if isinstance(thing, Walker) and thing.patrol is not None:
-                    points += thing.patrol.waypoints
-                for point in points:
+                beat = thing.patrol.waypoints if isinstance(thing, Walker) and thing.patrol else ()
+                for point in (thing, *beat):
                     if not heightmap.contains(point.x, point.y):
                         raise ValueError(f"{field}[{index}] " + off_the_map(heightmap, point.x, point.y))
         for field, point in (("start", self.start), ("goal", self.goal)):
@@ -318,10 +229,14 @@ class Scenario(Document):
         path = Path(path)
         try:
             if path.stat().st_size > MAX_FILE_BYTES:
-                raise ScenarioError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB, which no scenario needs")
+                raise ScenarioError(
+                    f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB, which no scenario needs"
+                )
             text = path.read_text("utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+            raise ScenarioError(
+                f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
+            ) from None
         try:
             return cls.model_validate_json(text)
         except ValidationError as error:
@@ -341,27 +256,6 @@ class Scenario(Document):
         write_atomically(Path(path), self.to_json())
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Replace `path` by `text` in one step that survives a crash. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    directory = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(directory)
-    finally:
-        os.close(directory)
-
-
 def off_the_map(heightmap: Heightmap, x: float, y: float) -> str:
     west, east, south, north = heightmap.bounds
     return (
@@ -370,9 +264,7 @@ def off_the_map(heightmap: Heightmap, x: float, y: float) -> str:
     )
 
 
-def why_not_standing(
-    heightmap: Heightmap, cover: tuple[CoverObject, ...], x: float, y: float
-) -> str | None:
+def why_not_standing(heightmap: Heightmap, cover: tuple[CoverObject, ...], x: float, y: float) -> str | None:
     """Why a Husky cannot stand at (x, y), in words that follow 'the goal'; None where it can."""
     if not heightmap.contains(x, y):
         return off_the_map(heightmap, x, y)
@@ -381,6 +273,8 @@ def why_not_standing(
     if heightmap.quality_at(x, y) is Quality.MISSING:
         return f"is where the survey has no data at ({x:g}, {y:g})"
     for thing in cover:
+        if math.dist((thing.x, thing.y), (x, y)) > 0.5 * math.hypot(thing.length, thing.width) + 1.0:
+            continue
         gap = float(thing.footprint.distance(np.array([[x, y]]))[0])
         if gap < HUSKY.inscribed_radius:
             label = f"{CATALOGUE[thing.kind].class_name} {thing.id}"
@@ -388,11 +282,3 @@ def why_not_standing(
                 return f"is inside a {label} at ({x:g}, {y:g})"
             return f"is {gap:.2f} m from {label}; the Husky needs {HUSKY.inscribed_radius:.2f} m"
     return None
-
-
-def first_message(error: ValidationError) -> str:
-    """One line for the first problem of a pydantic error: the field's path and what is wrong there."""
-    problem = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    path = ".".join(str(part) for part in problem["loc"])
-    message = problem["msg"].removeprefix("Value error, ")
-    return f"{path}: {message}" if path else message

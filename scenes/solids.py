@@ -31,7 +31,7 @@ class Solid:
         return join(self, other)
 
     def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Solid:
-        return Solid(self.triangles + (x, y, z), self.colours)
+        return Solid(self.triangles + np.array([x, y, z]), self.colours)
 
     def turned(self, rotation: np.ndarray) -> Solid:
         """Rotated about the origin by a (3, 3) matrix."""
@@ -45,8 +45,8 @@ class Solid:
     def shaded(self, low: float, high: float) -> Solid:
         """Brightness from `low` at the bottom to `high` at the top, as leaves shade each other."""
         z = self.triangles[:, :, 2].mean(axis=1)
-        share = (z - z.min()) / max(float(np.ptp(z)), 1e-9)
-        return Solid(self.triangles, np.clip(self.colours * (low + (high - low) * share)[:, None], 0.0, 255.0))
+        shade = low + (high - low) * (z - z.min()) / max(float(np.ptp(z)), 1e-9)
+        return Solid(self.triangles, np.clip(self.colours * shade[:, None], 0.0, 255.0))
 
     def fitted(self, length: float, width: float, height: float) -> Solid:
         """Stretched so that it spans ±length/2, ±width/2 and reaches up to `height`; what lies below
@@ -106,9 +106,7 @@ def frustum(
 def extrusion(profile: list[tuple[float, float]], half_length: float, colour: Colour) -> Solid:
     """A convex (y, z) outline drawn out along x from -half_length to half_length."""
     outline, k = np.array(profile, float), len(profile)
-    points = np.concatenate(
-        [np.column_stack([np.full(k, x), outline]) for x in (-half_length, half_length)]
-    )
+    points = np.concatenate([np.column_stack([np.full(k, x), outline]) for x in (-half_length, half_length)])
     caps = [(base, base + i, base + i + 1) for base in (0, k) for i in range(1, k - 1)]
     sides = [(i, (i + 1) % k, k + i) for i in range(k)]
     sides += [((i + 1) % k, k + (i + 1) % k, k + i) for i in range(k)]

@@ -65,9 +65,10 @@ def near_hazard(heightmap: Heightmap, clearance: float) -> np.ndarray:
     )
     border = math.ceil(clearance / heightmap.resolution)
     near = np.ones(hazard.shape, bool)
-    near[border:-border or None, border:-border or None] = False
+    near[border : -border or None, border : -border or None] = False
     if hazard.any():
-        near |= ndimage.distance_transform_edt(~hazard, sampling=heightmap.resolution) < clearance
+        distance = ndimage.distance_transform_edt(~hazard, sampling=heightmap.resolution)
+        near |= np.asarray(distance) < clearance
     return near
 
 

@@ -92,7 +92,9 @@ def rock(rng: np.random.Generator, length: float, width: float, height: float) -
     rise = np.linspace(-0.35, 1.0, count)
     reach = np.sqrt(np.clip(1.0 - np.clip(rise, 0.0, 1.0) ** 2.6, 0.0, 1.0)) * rng.uniform(0.8, 1.0, count)
     squareness = np.maximum(np.abs(np.cos(bearing)), np.abs(np.sin(bearing))) ** -0.6
-    points = np.column_stack([reach * squareness * np.cos(bearing), reach * squareness * np.sin(bearing), rise])
+    points = np.column_stack(
+        [reach * squareness * np.cos(bearing), reach * squareness * np.sin(bearing), rise]
+    )
     points[rise > 0.5, :2] += rng.uniform(-0.25, 0.25, 2)
     points *= (0.5 * length, 0.5 * width, 1.0)
     points[:, 2] *= np.where(rise > 0.0, height, 1.0)

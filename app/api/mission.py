@@ -12,7 +12,7 @@ from app.changes import StudioError
 from app.studio import SPEEDS, Studio
 from app.telemetry import mission_document
 from planner.frames import Perception, Status
-from scenes.scenario import Document, Metres, Point, Start
+from scenes.scenario import Document, Point, Start, between
 
 
 class MethodChoice(Document):
@@ -26,7 +26,7 @@ class PerceptionChoice(Document):
 class SpeedChoice(Document):
     """Simulated seconds a second."""
 
-    factor: Metres(*SPEEDS)
+    factor: Annotated[float, between(*SPEEDS)]
 
 
 class SeedChoice(Document):
