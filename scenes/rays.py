@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -146,6 +147,7 @@ class RayScene:
             _Walker(replace(walker.body, index=first + offset), walker.figure, walker.pose)
             for offset, walker in enumerate(self._walkers)
         )
+        self.__dict__.pop("colours", None)
         self.bodies = self._static + tuple(walker.body for walker in self._walkers)
 
     def cast(self, origins: np.ndarray, directions: np.ndarray, max_range: float) -> Hits:
@@ -171,14 +173,13 @@ class RayScene:
         normal[miss] = 0.0
         return Hits(distance, body, triangle, normal)
 
-    def colours(self, hits: Hits) -> np.ndarray:
-        """(n, 3) uint8 material colour of what was hit; black for the ground (see its surface map) and misses."""
-        colours = np.zeros((len(hits.body), 3), np.uint8)
-        tables = self._colours + [walker.figure.colours for walker in self._walkers]
-        for index in np.unique(hits.body[hits.body > 0]):
-            rays = hits.body == index
-            colours[rays] = tables[index][hits.triangle[rays]]
-        return colours
+    @cached_property
+    def colours(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where each body's faces begin (bodies,) in a table (m, 3) uint8 of their colours. The ground has
+        none: see its surface map."""
+        tables = [*self._colours, *(walker.figure.colours for walker in self._walkers)]
+        starts = np.cumsum([0, *(len(table) for table in tables[:-1])])
+        return starts, np.concatenate(tables)
 
     def visible(self, origins: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """(n,) float32 share of light from 0 to 1 that comes through from targets (n, 3) to eyes (n, 3).

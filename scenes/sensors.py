@@ -12,27 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from scenes.pose import Pose, Twist, wrap_angle
-from scenes.rays import Hits, RayScene
+from scenes.rays import RayScene
 from scenes.robot import HUSKY
-from scenes.terrain import SURFACES, Heightmap, Surface
-
-SUN = np.array([-0.4, -0.5, 0.77]) / np.linalg.norm([-0.4, -0.5, 0.77])
-"""Unit vector toward the light, world frame."""
-
-AMBIENT = 0.45
-SKY_COLOUR = (176, 206, 235)
-SURFACE_COLOURS = {
-    Surface.GRASS: (112, 132, 84),
-    Surface.TRAIL: (172, 152, 118),
-    Surface.GRAVEL: (146, 141, 131),
-    Surface.MUD: (104, 86, 66),
-    Surface.SAND: (194, 176, 134),
-    Surface.ROCK: (124, 120, 113),
-    Surface.ASPHALT: (88, 89, 92),
-    Surface.WATER: (74, 92, 92),
-}
-"""RGB, 0 to 255, of the ground in the camera's image."""
-
+from scenes.shading import shade
 
 @dataclass(frozen=True)
 class LidarConfig:
@@ -82,7 +64,7 @@ class Lidar:
 
     @cached_property
     def directions(self) -> np.ndarray:
-        """(azimuths × beams, 3) float64 unit vectors in the base frame, from straight ahead counter-clockwise,
+        """(azimuths × beams, 3) float32 unit vectors in the base frame, from straight ahead counter-clockwise,
         lowest beam first."""
         config = self.config
         azimuth, elevation = np.meshgrid(
@@ -93,7 +75,7 @@ class Lidar:
         rays = np.stack(
             [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], -1
         )
-        return rays.reshape(-1, 3) @ config.mount.rotation.T
+        return (rays.reshape(-1, 3) @ config.mount.rotation.T).astype(np.float32)
 
     def scan(self, rays: RayScene, pose: Pose, rng: np.random.Generator) -> PointCloud:
         """One turn of a robot whose true `pose_world_base` is `pose`.
@@ -102,7 +84,7 @@ class Lidar:
         """
         config = self.config
         origin = pose.to_world(config.mount.position)
-        hits = rays.cast(origin, self.directions @ pose.rotation.T, config.max_range)
+        hits = rays.cast(origin, self.directions @ pose.rotation.T.astype(np.float32), config.max_range)
         # Every beam draws, so that the noise of one does not depend on what the others hit.
         noise = config.noise * rng.standard_normal(len(self.directions), dtype=np.float32)
         heard = np.flatnonzero((hits.distance >= config.min_range) & (hits.body >= 0))
@@ -197,68 +179,40 @@ class SemanticCamera:
 
     @cached_property
     def directions(self) -> np.ndarray:
-        """(height × width, 3) float64 unit vectors in the base frame, row by row."""
+        """(height × width, 3) float32 unit vectors in the base frame, row by row."""
         k = self.intrinsics
         v, u = np.mgrid[: k.height, : k.width]
         rays = np.stack([np.ones(u.shape), -(u - k.cx) / k.fx, -(v - k.cy) / k.fy], -1).reshape(-1, 3)
-        return (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ self.config.mount.rotation.T
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        return (rays @ self.config.mount.rotation.T).astype(np.float32)
 
     @cached_property
     def _cosines(self) -> np.ndarray:
-        axis = self.config.mount.rotation[:, 0]
-        return (self.directions @ axis).astype(np.float32)
+        return self.directions @ self.config.mount.rotation[:, 0].astype(np.float32)
 
     def capture(self, rays: RayScene, pose: Pose, rng: np.random.Generator) -> CameraImage:
         """One image by a robot whose true `pose_world_base` is `pose`."""
         config = self.config
         shape = config.height, config.width
         origin = pose.to_world(config.mount.position)
-        directions = self.directions @ pose.rotation.T
+        directions = self.directions @ pose.rotation.T.astype(np.float32)
         hits = rays.cast(origin, directions, config.max_range / float(self._cosines.min()))
         depth = hits.distance * self._cosines
         if config.noise > 0.0:
             depth = depth + config.noise * depth**2 * rng.standard_normal(len(depth), dtype=np.float32)
         seen = (depth >= config.min_range) & (depth <= config.max_range)
         classes = np.array([*(body.class_id for body in rays.bodies), -1], np.int32)
-        surface = _surface_hit(rays.heightmap, hits, origin, directions)
-        colour = _colour(rays, hits, surface, directions)
-        body = np.where(seen, hits.body, -1).astype(np.int32)
+        shading = shade(rays, hits, origin, directions)
+        body = np.where(seen, hits.body, np.int32(-1))
         return CameraImage(
-            np.where(seen, depth, np.nan).astype(np.float32).reshape(shape),
+            np.where(seen, depth, np.float32(np.nan)).reshape(shape),
             body.reshape(shape),
             classes[body].reshape(shape),
-            np.where(seen, surface, -1).astype(np.int8).reshape(shape),
-            colour.reshape(*shape, 3),
+            np.where(seen, shading.surface, np.int8(-1)).reshape(shape),
+            shading.rgb.reshape(*shape, 3),
             self.intrinsics,
             config.mount,
         )
-
-
-def _surface_hit(heightmap: Heightmap, hits: Hits, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """(n,) int8 surface class where a ray hit the ground, else -1."""
-    surface = np.full(len(hits.body), -1, np.int8)
-    ground = np.flatnonzero(hits.body == 0)
-    points = origin[:2] + hits.distance[ground, None] * directions[ground, :2]
-    rows, columns = heightmap.shape
-    row = np.rint((points[:, 1] - heightmap.y_min) / heightmap.resolution).astype(int)
-    column = np.rint((points[:, 0] - heightmap.x_min) / heightmap.resolution).astype(int)
-    surface[ground] = heightmap.surface[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-    return surface
-
-
-def _colour(rays: RayScene, hits: Hits, surface: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """(n, 3) uint8: material colour under Lambert's law, the sky where nothing was hit."""
-    table = np.array([*(SURFACE_COLOURS[surface] for surface in SURFACES), SKY_COLOUR], np.uint8)
-    colour = np.where((surface >= 0)[:, None], table[surface], rays.colours(hits))
-    normal = hits.normal
-    length = np.linalg.norm(normal, axis=1)
-    # A face seen from behind is lit as the side that one sees.
-    facing = -np.sign(np.einsum("ij,ij->i", normal, directions.astype(np.float32)))
-    light = facing * (normal @ SUN.astype(np.float32)) / np.where(length > 0.0, length, 1.0)
-    shade = AMBIENT + (1.0 - AMBIENT) * np.clip(light, 0.0, 1.0)
-    colour = np.rint(colour * shade[:, None]).astype(np.uint8)
-    colour[hits.body < 0] = SKY_COLOUR
-    return colour
 
 
 @dataclass(frozen=True)
