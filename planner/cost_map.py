@@ -30,7 +30,7 @@ class CostConfig:
     roughness: float = 15.0
     obstacle: float = 60.0
     unknown: float = 8.0
-    rim: float = HUSKY.inscribed_radius + 0.08
+    rim: float = HUSKY.inscribed_radius + 0.11
     obstacle_reach: float = 1.3
     max_slope: float = HUSKY.max_slope
     max_roughness: float = 0.08

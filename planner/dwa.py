@@ -69,7 +69,8 @@ class DwaConfig:
     braking, yaw_braking, reaction : what the robot can surely stop with and how late it begins; no braking means
         that an arc must be free over its whole horizon
     creep_speed : at which unknown ground may be entered
-    margin : kept between footprint and obstacle points
+    margin : kept between footprint and obstacles; point_radius : how far from its mapped point an obstacle's
+        surface may be, half a cell of the map
     tilt_limit : radians of roll and pitch together, predicted from the map under the wheels
     clearance_reach : obstacles farther than this do not matter
     """
@@ -90,15 +91,16 @@ class DwaConfig:
     reaction: float = 0.2
     creep_speed: float = 0.5
     margin: float = 0.06
+    point_radius: float = 0.1
     tilt_limit: float = math.radians(26.0)
     clearance_reach: float = 2.0
-    footprint: Footprint = field(default_factory=lambda: Footprint.of_rectangle(HUSKY.length, HUSKY.width, 3))
+    footprint: Footprint = field(default_factory=lambda: Footprint.of_rectangle(HUSKY.length, HUSKY.width, 4))
     weights: Weights = field(default_factory=Weights)
 
     @property
     def contact_distance(self) -> float:
         """From a footprint circle's centre to an obstacle point that counts as touched."""
-        return self.footprint.radius + self.margin
+        return self.footprint.radius + self.margin + self.point_radius
 
     @property
     def steps(self) -> int:
@@ -215,5 +217,6 @@ def evaluate(
 
 
 def _discs(config: DwaConfig, moving: tuple[TrackedObstacle, ...]) -> np.ndarray:
-    discs = [(m.x, m.y, m.vx, m.vy, m.radius + config.contact_distance) for m in moving]
+    reach = config.footprint.radius + config.margin
+    discs = [(m.x, m.y, m.vx, m.vy, m.radius + reach) for m in moving]
     return np.array(discs, dtype=float).reshape(-1, 5)
