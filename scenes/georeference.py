@@ -208,15 +208,16 @@ class Region:
             fits = math.ceil(100.0 * longest / (MAX_CELLS - 1)) / 100.0
             resolution = min(max(spacing, FINEST, fits), COARSEST)
         rows, cols = (int(side / resolution + 1e-6) + 1 for side in (self.height, self.width))
+        size = f"{self.width:.6g} × {self.height:.6g} m at {resolution:g} m is {rows:.6g} × {cols:.6g} cells"
         if max(rows, cols) > MAX_CELLS:
+            limit = int((MAX_CELLS - 1) * resolution)
             raise ScenarioError(
-                f"{self.width:.0f} × {self.height:.0f} m at {resolution:g} m is {rows} × {cols} cells, and a "
-                f"map has at most {MAX_CELLS} a side: crop to {int((MAX_CELLS - 1) * resolution)} m or less"
+                f"{size}, and a map has at most {MAX_CELLS} a side: crop to {limit} m or less"
             )
         if min(rows, cols) < MIN_CELLS:
+            limit = (MIN_CELLS - 1) * resolution
             raise ScenarioError(
-                f"{self.width:.3g} × {self.height:.3g} m at {resolution:g} m is {rows} × {cols} cells, "
-                f"and a map has at least {MIN_CELLS} a side: take {(MIN_CELLS - 1) * resolution:g} m or more"
+                f"{size}, and a map has at least {MIN_CELLS} a side: take {limit:g} m or more"
             )
         return SceneGrid(self.easting, self.northing, self.unit, resolution, rows, cols)
 

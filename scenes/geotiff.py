@@ -13,7 +13,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio import Affine
 from rasterio.enums import ColorInterp
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.errors import NotGeoreferencedWarning
 from rasterio.windows import Window
 
 from scenes.georeference import Extent, Georeference, choose_region, georeference
@@ -37,7 +37,7 @@ SEALED: dict[str, Any] = {
     "GDAL_PAM_ENABLED": "NO",
     "GDAL_HTTP_MAX_RETRY": "0",
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": "none",
-    "GDAL_CACHEMAX": "128",
+    "GDAL_CACHEMAX": 2**27,
     "GDAL_NUM_THREADS": "1",
 }
 GAP_PIXELS = 3.0
@@ -61,27 +61,28 @@ def read_geotiff(
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.open(path.resolve(), driver="GTiff") as raster:
                 return _resample(raster, crop, resolution)
-    except (RasterioError, OSError, ValueError, MemoryError, OverflowError) as error:
-        if isinstance(error, ScenarioError):
-            raise
-        raise ScenarioError(f"is damaged or no GeoTIFF: {' '.join(str(error).split())[:200]}") from None
+    except ScenarioError:
+        raise
+    except Exception as error:  # GDAL's errors share no public base
+        reason = " ".join(str(error.__cause__ or error).split())[:200]
+        raise ScenarioError(f"is damaged or no GeoTIFF: {reason}") from error
 
 
 def _resample(raster, crop, resolution) -> SurveyGround:
     _check_elevation_model(raster)
     to_native = raster.transform
-    corners = np.array([to_native * (c, r) for c in (0, raster.width) for r in (0, raster.height)])
+    corners = _apply(to_native, np.array([0, 1, 0, 1]) * raster.width, np.array([0, 0, 1, 1]) * raster.height)
+    corners = np.column_stack(corners)
     if not np.isfinite(corners).all() or abs(to_native.determinant) < 1e-30:
         raise ScenarioError(f"its pixel transform {tuple(to_native)[:6]} is not usable")
-    native = Extent(corners[:, 0].min(), corners[:, 0].max(), corners[:, 1].min(), corners[:, 1].max())
+    (west, south), (east, north) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    native = Extent(west, east, south, north)
     reference = georeference(_crs(raster), native, heights_follow_unit=True)
     region = choose_region(crop, reference, native)
     pixel = _pixel_size(reference, to_native, region.easting, region.northing)
     grid = region.grid(max(pixel), resolution)
     x, y = reference.to_native(*grid.to_survey(*grid.xy()))
-    to_pixel = ~to_native
-    cols = to_pixel.a * x + to_pixel.b * y + to_pixel.c
-    rows = to_pixel.d * x + to_pixel.e * y + to_pixel.f
+    cols, rows = _apply(~to_native, x, y)
     heights, offset = _sample(raster, rows, cols, grid.resolution, pixel)
     heights *= VERTICAL_UNITS.get((raster.units[0] or "").strip().lower(), reference.vertical_unit)
     heights[~((heights >= ELEVATION_RANGE[0]) & (heights <= ELEVATION_RANGE[1]))] = np.nan
@@ -91,6 +92,11 @@ def _resample(raster, crop, resolution) -> SurveyGround:
     quality[(quality == MEASURED) & (offset > 0.75 * grid.resolution)] = INTERPOLATED
     surface = surface_by_slope(heights, quality, grid.resolution)
     return SurveyGround(reference, grid, heights, quality, surface)
+
+
+def _apply(transform: Affine, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    a, b, c, d, e, f = tuple(transform)[:6]
+    return a * x + b * y + c, d * x + e * y + f
 
 
 def _check_elevation_model(raster) -> None:
@@ -172,9 +178,12 @@ def _averaged(
     for row in range(first_r, last_r, strip):
         window = Window(first_c, row, width, min(strip, last_r - row))  # pyright: ignore[reportCallIssue]
         band = raster.read(1, window=window, masked=True)
-        values = np.ma.filled(band.astype(np.float64), np.nan)
-        values[~np.isfinite(values) | np.isin(values, USUAL_SENTINELS)] = np.nan
-        parts.append(_block_means(values * raster.scales[0] + raster.offsets[0], step_r, step_c))
+        with np.errstate(invalid="ignore", over="ignore"):  # whatever bits a damaged file holds
+            values = np.ma.filled(band.astype(np.float64), np.nan)
+            values[np.isin(values, USUAL_SENTINELS)] = np.nan
+            values = values * raster.scales[0] + raster.offsets[0]
+        values[~(np.abs(values) < 1e9)] = np.nan
+        parts.append(_block_means(values, step_r, step_c))
     return np.concatenate(parts)
 
 

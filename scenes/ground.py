@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy import ndimage
-from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay, QhullError
 
 from scenes.georeference import Georeference, SceneGrid
@@ -52,10 +52,10 @@ def fill_gaps(heights: np.ndarray, resolution: float, max_gap: float) -> tuple[n
     """Heights without NaN, and the index into QUALITIES of each cell.
 
     heights : (rows, cols) metres, NaN where nothing was measured; at least one is known
-    max_gap : metres to the nearest known cell beyond which a height counts as missing
+    max_gap : metres; gaps more than twice as wide are missing
 
-    Gaps are interpolated linearly between the known cells about them. Cells outside what was measured, or
-    too far inside a gap, are missing; they take the nearest known height so that the ground has no holes.
+    Other gaps are interpolated linearly between the known cells about them. Missing cells, and those
+    outside what was measured, take the nearest known height so that the ground has no holes.
     """
     unknown = np.isnan(heights)
     quality = np.full(heights.shape, MEASURED, np.uint8)
@@ -66,21 +66,53 @@ def fill_gaps(heights: np.ndarray, resolution: float, max_gap: float) -> tuple[n
     )
     filled = heights[tuple(nearest)]
     rim = ~unknown & ndimage.binary_dilation(unknown, np.ones((3, 3), bool))
-    gaps = np.argwhere(unknown)
-    between = interpolate(np.argwhere(rim), heights[rim], gaps)
-    known = np.isfinite(between) & (distance[unknown] <= max_gap)
-    quality[unknown] = np.where(known, INTERPOLATED, MISSING)
-    filled[unknown] = np.where(known, between, filled[unknown])
-    return filled, quality
+    rim_cells = np.argwhere(rim).astype(float)
+    between = interpolate(rim_cells, heights[rim], heights.shape, 2.0 * max_gap / resolution)
+    bridged = unknown & np.isfinite(between) & (distance <= max_gap)
+    quality[unknown] = MISSING
+    quality[bridged] = INTERPOLATED
+    return np.where(bridged, between, filled), quality
 
 
-def interpolate(points: np.ndarray, heights: np.ndarray, queries: np.ndarray) -> np.ndarray:
-    """Heights (m,) at queries (m, 2) on the Delaunay triangles of points (n, 2) with heights (n,);
-    NaN outside their convex hull, and everywhere where they span no triangle."""
+def interpolate(
+    points: np.ndarray, heights: np.ndarray, shape: tuple[int, int], max_edge: float
+) -> np.ndarray:
+    """Heights (rows, cols) at whole cells on the Delaunay triangles of points with heights (n,).
+
+    points : (n, 2) row and column, in fractions of cells; max_edge : cells
+
+    NaN outside the convex hull, in triangles with a side longer than `max_edge` (they bridge a gap or lie
+    along the rim of what was measured), and everywhere where the points span no triangle.
+    """
+    result = np.full(shape, np.nan)
     if len(points) < 3:
-        return np.full(len(queries), np.nan)
+        return result
     try:
-        triangles = Delaunay(points - points.mean(axis=0))
+        triangles = Delaunay(points - points.mean(axis=0)).simplices
     except QhullError:
-        return np.full(len(queries), np.nan)
-    return LinearNDInterpolator(triangles, heights)(queries - points.mean(axis=0))
+        return result
+    corners = points[triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    short = longest <= max_edge
+    _draw_triangles(corners[short], heights[triangles[short]], result)
+    return result
+
+
+@njit(cache=True)
+def _draw_triangles(corners: np.ndarray, heights: np.ndarray, result: np.ndarray) -> None:
+    """Write the plane through each triangle's corners (n, 3, 2), heights (n, 3), to the cells in it."""
+    rows, cols = result.shape
+    for t in range(len(corners)):
+        (r0, c0), (r1, c1), (r2, c2) = corners[t]
+        area = (r1 - r0) * (c2 - c0) - (c1 - c0) * (r2 - r0)
+        if abs(area) < 1e-12:
+            continue
+        for row in range(max(math.ceil(min(r0, r1, r2)), 0), min(math.floor(max(r0, r1, r2)), rows - 1) + 1):
+            for col in range(
+                max(math.ceil(min(c0, c1, c2)), 0), min(math.floor(max(c0, c1, c2)), cols - 1) + 1
+            ):
+                w1 = ((row - r0) * (c2 - c0) - (col - c0) * (r2 - r0)) / area
+                w2 = ((r1 - r0) * (col - c0) - (c1 - c0) * (row - r0)) / area
+                if w1 >= -1e-9 and w2 >= -1e-9 and w1 + w2 <= 1.0 + 1e-9:
+                    h0, h1, h2 = heights[t]
+                    result[row, col] = h0 + w1 * (h1 - h0) + w2 * (h2 - h0)

@@ -34,9 +34,10 @@ GAP_LIMITS = (3.0, 8.0)
 def ground_from_points(cloud: PointCloud, resolution: float | None) -> SurveyGround:
     """The ground on a grid by Delaunay triangles between the mean ground return of each cell.
 
-    A cell that holds a ground (or water) return is measured. One between returns is interpolated; outside
-    their hull, or farther from the nearest than 2.5 times their mean spacing (3 to 8 m), it is missing and
-    takes the nearest height. Water is where the nearest return is water; still water is levelled.
+    A cell that holds a ground (or water) return is measured. One between returns is interpolated. Outside
+    their hull, and in gaps, it is missing and takes the nearest height; a gap is farther from the nearest
+    return than 2.5 times their mean spacing (3 to 8 m), or more than twice as wide. Water is where the
+    nearest return is water; still water is levelled, and its level counts as known throughout.
     Without a wish the resolution is about a third of the spacing: 0.25, 0.5, 1 or 2 m.
     Raises ScenarioError where no return is classified as ground.
     """
@@ -47,28 +48,43 @@ def ground_from_points(cloud: PointCloud, resolution: float | None) -> SurveyGro
             f"has {count} returns of class 2 (ground) in the chosen part: classify the ground first "
             "(PDAL's filters.smrf, lidR's classify_ground)"
         )
-    wet = cloud.classes == WATER
-    spacing = ground_spacing(cloud, on_ground | wet)
+    chosen = on_ground | (cloud.classes == WATER)
+    spacing = ground_spacing(cloud, chosen)
     wanted = min(RESOLUTIONS, key=lambda r: abs(math.log(3.0 * r / spacing)))
     grid = cloud.region.grid(wanted, resolution)
-    points, is_water = _thinned(cloud, on_ground | wet, grid.resolution)
-    x, y = grid.xy()
-    queries = np.column_stack([x.ravel(), y.ravel()])
-    tree = KDTree(points[:, :2])
-    distance, nearest = tree.query(queries)
-    between = interpolate(points[:, :2], points[:, 2], queries)
+    points, is_water = _thinned(cloud, chosen, grid.resolution)
     max_gap = min(max(GAP_SPACINGS * spacing, GAP_LIMITS[0]), GAP_LIMITS[1])
-    known = np.isfinite(between) & (distance <= max_gap)
-    heights = np.where(known, between, points[nearest, 2]).reshape(x.shape)
-    quality = np.where(known, INTERPOLATED, MISSING).astype(np.uint8).reshape(x.shape)
-    row, col, inside = grid.cells(points[:, 0], points[:, 1])
-    held = quality[row[inside], col[inside]]
-    quality[row[inside], col[inside]] = np.where(held == MISSING, MISSING, MEASURED)
+    distance, nearest = _nearest(points, grid)
+    heights, quality = _triangulated(points, grid, distance, nearest, max_gap)
     surface = surface_by_slope(heights, quality, grid.resolution)
-    water = (is_water[nearest] & known).reshape(x.shape)
+    water = is_water[nearest] & (distance <= max_gap)
     surface[water] = WATER_INDEX
-    _level_still_water(heights, water, points[is_water], grid)
+    levelled = _level_still_water(heights, water, points[is_water], grid)
+    quality[levelled & (quality == MISSING)] = INTERPOLATED
     return SurveyGround(cloud.reference, grid, heights, quality, surface)
+
+
+def _nearest(points: np.ndarray, grid: SceneGrid) -> tuple[np.ndarray, np.ndarray]:
+    """For each cell the distance in metres to the nearest point, and its index; (rows, cols)."""
+    x, y = grid.xy()
+    distance, nearest = KDTree(points[:, :2]).query(np.column_stack([x.ravel(), y.ravel()]))
+    return np.reshape(distance, x.shape), np.reshape(nearest, x.shape)
+
+
+def _triangulated(
+    points: np.ndarray, grid: SceneGrid, distance: np.ndarray, nearest: np.ndarray, max_gap: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Heights and quality (rows, cols) from points (n, 3)."""
+    places = np.column_stack([points[:, 1] + grid.half_height, points[:, 0] + grid.half_width])
+    between = interpolate(
+        places / grid.resolution, points[:, 2], distance.shape, 2.0 * max_gap / grid.resolution
+    )
+    known = np.isfinite(between) & (distance <= max_gap)
+    quality = np.where(known, INTERPOLATED, MISSING).astype(np.uint8)
+    row, col, inside = grid.cells(points[:, 0], points[:, 1])
+    row, col = row[inside], col[inside]
+    quality[row, col] = np.where(quality[row, col] == MISSING, MISSING, MEASURED)
+    return np.where(known, between, points[nearest, 2]), quality
 
 
 def ground_spacing(cloud: PointCloud, chosen: np.ndarray) -> float:
@@ -93,8 +109,10 @@ def _thinned(cloud: PointCloud, chosen: np.ndarray, resolution: float) -> tuple[
 
 def _level_still_water(
     heights: np.ndarray, water: np.ndarray, points: np.ndarray, grid: SceneGrid
-) -> None:
-    """Give each connected water whose returns agree within 0.6 m (10th to 90th percentile) their median."""
+) -> np.ndarray:
+    """Give each connected water whose returns agree within 0.6 m (10th to 90th percentile) their median;
+    returns (rows, cols) bool where that was done."""
+    levelled = np.zeros(water.shape, bool)
     bodies, count = connected(water)
     row, col, inside = grid.cells(points[:, 0], points[:, 1])
     owner = np.zeros(len(points), np.int64)
@@ -106,3 +124,5 @@ def _level_still_water(
         low, median, high = np.percentile(levels, [10, 50, 90])
         if high - low <= STILL_WATER_SPREAD:
             heights[bodies == body] = median
+            levelled |= bodies == body
+    return levelled

@@ -45,14 +45,16 @@ def read_points(path: Path, crop: tuple[float, float, float] | None) -> PointClo
     Raises ScenarioError for files that are truncated, damaged, empty or too large."""
     _check_header(path)
     try:
-        with laspy.LasReader(
-            path.open("rb"), laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False
-        ) as reader:
+        with path.open("rb") as stream:
+            reader = laspy.LasReader(
+                stream, closefd=False, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False
+            )
             return _read(reader, crop)
     except (ScenarioError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
     except BaseException as error:  # a panic of the decompressor is no Exception
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        reason = "its records contradict each other" if isinstance(error, KeyError) else str(error)
+        reason = " ".join(reason.split())[:200] or type(error).__name__
         raise ScenarioError(f"is damaged or no LAS/LAZ: {reason}") from None
 
 
@@ -105,7 +107,8 @@ def _check_chunk_table(stream, to_points: int, size: int, record_length: int) ->
 
 def _read(reader: laspy.LasReader, crop: tuple[float, float, float] | None) -> PointCloud:
     header = reader.header
-    native = Extent(header.mins[0], header.maxs[0], header.mins[1], header.maxs[1])
+    (west, south, _), (east, north, _) = header.mins.tolist(), header.maxs.tolist()
+    native = Extent(west, east, south, north)
     if not (native.west <= native.east and native.south <= native.north):
         raise ScenarioError("its header's bounds are the wrong way round")
     reference = georeference(_crs(header), native, heights_follow_unit=True)

@@ -66,7 +66,7 @@ def import_survey(
         ground, cover = _read(path, crop, resolution)
         return _scenario(path, ground, cover, vertical_scale, name, np.random.default_rng(seed))
     except ScenarioError as error:
-        raise ScenarioError(f"{path.name}: {error}") from None
+        raise ScenarioError(f"{path.name}: {error}") from error.__cause__
     except ValidationError as error:
         raise ScenarioError(f"{path.name}: {first_message(error)}") from None
     except OSError as error:

@@ -83,8 +83,9 @@ def height_above_ground(cloud: PointCloud, ground: SurveyGround) -> np.ndarray:
 
 
 def _canopy_cell(cloud: PointCloud, pick: np.ndarray) -> float:
-    """Cell size that holds about one plant return."""
-    area = max(float(np.ptp(cloud.x[pick]) * np.ptp(cloud.y[pick])), 1.0)
+    """Cell size that holds about one plant return where plants stand."""
+    square_metres = np.column_stack([np.rint(cloud.x[pick]), np.rint(cloud.y[pick])])
+    area = len(np.unique(square_metres, axis=0))
     return min(max(math.sqrt(area / int(pick.sum())), CANOPY_CELLS[0]), CANOPY_CELLS[1])
 
 
