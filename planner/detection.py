@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import find_objects
@@ -20,8 +19,7 @@ from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.pose import Pose
 from scenes.rays import Body, BodyKind
 from scenes.robot import HUSKY
-if TYPE_CHECKING:
-    from scenes.sensors import CameraImage
+from scenes.sensors import CameraImage
 
 MIN_PIXELS = 12
 SAMPLES = 400  # pixels of a mask that its position is taken from, at most
@@ -31,27 +29,26 @@ _KINDS = {entry.class_id: entry.kind for entry in CATALOGUE.values()}
 
 @dataclass(frozen=True)
 class Sighting:
-    """A detection with the size that its mask and depth give, metres; `whole` where the image's edge cuts
-    nothing off."""
+    """A detection with the size, metres, that its mask and depth give."""
 
     detection: Detection
     kind: CoverKind
     width: float
     height: float
-    whole: bool
 
 
 def detect(
-    image: CameraImage, bodies: Sequence[Body], pose_world_camera: Pose, frame_id: int, rng: np.random.Generator
+    image: CameraImage, bodies: Sequence[Body], pose_world_base: Pose, frame_id: int, rng: np.random.Generator
 ) -> tuple[Detection, ...]:
     """The detections of `sight` alone, as in Listing 1."""
-    return tuple(s.detection for s in sight(image, bodies, pose_world_camera, frame_id, rng))
+    return tuple(s.detection for s in sight(image, bodies, pose_world_base, frame_id, rng))
 
 
 def sight(
-    image: CameraImage, bodies: Sequence[Body], pose_world_camera: Pose, frame_id: int, rng: np.random.Generator
+    image: CameraImage, bodies: Sequence[Body], pose_world_base: Pose, frame_id: int, rng: np.random.Generator
 ) -> tuple[Sighting, ...]:
-    """Cover objects in one image, in the order of `bodies`, which the mask's labels index.
+    """Cover objects in one image, in the order of `bodies`, which the mask's labels index; the robot that
+    took it stands at `pose_world_base`.
 
     Objects that cannot hide the robot by their apparent size or their class are ignored. The position is
     the median of the mask's points, moved on along the view by half of what the object is wide (at most
@@ -62,45 +59,38 @@ def sight(
     for index, box in enumerate(find_objects(image.body + 1)):
         if box is None or bodies[index].kind is not BodyKind.COVER:
             continue
-        sighting = _sighting(image, bodies[index], box, pose_world_camera, frame_id, rng)
+        sighting = _sighting(image, bodies[index], box, pose_world_base, frame_id, rng)
         if sighting is not None:
             sightings.append(sighting)
     return tuple(sightings)
 
 
 def looked_through(
-    image: CameraImage, places: Sequence[tuple[int, np.ndarray]], pose_world_camera: Pose, margin: float = 1.5
+    image: CameraImage, places: Sequence[tuple[int, np.ndarray]], pose_world_base: Pose, margin: float = 1.5
 ) -> tuple[int, ...]:
     """Ids of the places (id, world point) that the image looks past: their pixel shows something farther
     than they are by `margin` metres, so what stood there is gone."""
     height, width = image.depth.shape
-    lens = image.intrinsics
+    lens, camera = image.intrinsics, pose_world_base.compose(image.pose)
     gone = []
     for object_id, point in places:
-        ahead, left, up = (point - pose_world_camera.position) @ pose_world_camera.rotation
+        ahead, left, up = (point - camera.position) @ camera.rotation
         if ahead <= 0.5:
             continue
         col, row = round(lens.cx - lens.fx * left / ahead), round(lens.cy - lens.fy * up / ahead)
-        if 0 <= col < width and 0 <= row < height and ahead + margin < image.depth[row, col] < np.inf:
+        if 0 <= col < width and 0 <= row < height and image.depth[row, col] > ahead + margin:
             gone.append(object_id)
     return tuple(gone)
 
 
-def back_project(image: CameraImage, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-    """(n, 3) points of pixels in the camera's frame: x forward, y left, z up."""
-    depth = image.depth[rows, cols].astype(float)
-    lens = image.intrinsics
-    return np.column_stack([depth, (lens.cx - cols) / lens.fx * depth, (lens.cy - rows) / lens.fy * depth])
-
-
-def _sighting(image, body: Body, box, pose_world_camera: Pose, frame_id: int, rng) -> Sighting | None:
+def _sighting(image, body: Body, box, pose_world_base: Pose, frame_id: int, rng) -> Sighting | None:
     rows, cols = np.nonzero((image.body[box] == body.index) & np.isfinite(image.depth[box]))
     if len(rows) < MIN_PIXELS:
         return None
     rows, cols = rows + box[0].start, cols + box[1].start
     stride = -(-len(rows) // SAMPLES)
-    points = back_project(image, rows[::stride], cols[::stride])
-    depth = float(np.median(points[:, 0]))
+    points = pose_world_base.to_world(image.points_body(rows[::stride], cols[::stride]))
+    depth = float(np.median(image.depth[rows, cols]))
     x_min, x_max, y_min, y_max = cols.min(), cols.max(), rows.min(), rows.max()
     width = (x_max - x_min + 1) * depth / image.intrinsics.fx
     height = (y_max - y_min + 1) * depth / image.intrinsics.fy
@@ -116,17 +106,16 @@ def _sighting(image, body: Body, box, pose_world_camera: Pose, frame_id: int, rn
     confidence = _confidence(depth, len(rows), cut_wide + cut_high, hidden, rng)
     if confidence is None:
         return None
-    x, y, z = _position(points, kind, width, pose_world_camera)
+    x, y, z = _position(points, kind, width, pose_world_base.compose(image.pose))
     detection = Detection(
         frame_id, body.class_id, body.class_name, confidence,
         float(x_min), float(y_min), float(x_max), float(y_max), body.id, x, y, z,
         tuple((float(u), float(v)) for u in (x_min, x_max) for v in (y_min, y_max)),
     )
-    return Sighting(detection, kind, float(width), float(height), not (cut_wide or cut_high))
+    return Sighting(detection, kind, float(width), float(height))
 
 
-def _position(points: np.ndarray, kind: CoverKind, width: float, pose_world_camera: Pose) -> tuple[float, ...]:
-    world = pose_world_camera.to_world(points)
+def _position(world: np.ndarray, kind: CoverKind, width: float, pose_world_camera: Pose) -> tuple[float, ...]:
     middle = np.median(world[:, :2], axis=0)
     view = middle - pose_world_camera.position[:2]
     behind = 0.5 * min(width, CATALOGUE[kind].width.usual)

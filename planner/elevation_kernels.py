@@ -7,6 +7,7 @@ LOWEST, HIGHEST           lowest and highest return from the ground
 FOOT, TOP, BELOW          lowest and highest return from what stands there, and the ground expected under it
 EVIDENCE, GAINED, TURN    how surely it stands there, what the newest scan added, and which scan that was
 HANG                      lowest return from what hangs higher than the robot
+WATER                     returns from water less returns from dry ground, between -MAX_WET and MAX_WET
 """
 
 from __future__ import annotations
@@ -18,21 +19,28 @@ import numpy as np
 
 from planner.ground_segmentation import GROUND, STANDING
 
-MEAN, SPREAD, WEIGHT, LOWEST, HIGHEST, FOOT, TOP, BELOW, EVIDENCE, GAINED, TURN, HANG = range(12)
-EMPTY = np.array([0.0, 0.0, 0.0, np.nan, np.nan, np.inf, -np.inf, 0.0, 0.0, 0.0, -1.0, np.inf])
+MEAN, SPREAD, WEIGHT, LOWEST, HIGHEST, FOOT, TOP, BELOW, EVIDENCE, GAINED, TURN, HANG, WATER = range(13)
+EMPTY = np.array([0.0, 0.0, 0.0, np.nan, np.nan, np.inf, -np.inf, 0.0, 0.0, 0.0, -1.0, np.inf, 0.0])
 
 GATE = 0.3  # metres: ground this far from what a cell holds is not the same surface
 SIGMA_PER_METRE = 0.003  # what pointing adds to a height's standard deviation
 MAX_WEIGHT = 50.0 / 0.03**2  # old measurements count as fifty at most, so that a cell follows change
 MAX_GAIN, SEEN_THROUGH, MAX_EVIDENCE = 4.0, 2.0, 20.0  # one for a return, four for a scan at most
 BLOCKS = 2.0  # evidence from which on something blocks
+MAX_WET = 10.0
+PASSED_BELOW = 0.15  # metres: more than a steep slope does within half a cell
 NEIGHBOURHOOD = 5  # cells: how far the ground below a standing thing may be looked for
 FILL_SLOPE = 0.1  # what the ground may do inside a filled gap, as a standard deviation
 
 
 @numba.njit(cache=True)
-def fuse(cells, points, labels, expected, origin, x_min, y_min, resolution, range_sigma, clearance, turn):
-    """Add the labelled returns of one scan to `cells`, in place; `turn` counts the scans."""
+def fuse(
+    cells, points, labels, expected, wet, origin, x_min, y_min, resolution, range_sigma, clearance, turn
+):
+    """Add the labelled returns of one scan to `cells`, in place.
+
+    wet : (columns, beams) bool, or (0, 0) where nothing tells water from dry ground; turn : counts scans
+    """
     columns, beams, _ = points.shape
     rows, cols, _ = cells.shape
     for c in range(columns):
@@ -50,6 +58,9 @@ def fuse(cells, points, labels, expected, origin, x_min, y_min, resolution, rang
             if label == GROUND and (cell[WEIGHT] == 0.0 or z - cell[MEAN] <= GATE):
                 sigma = range_sigma + SIGMA_PER_METRE * math.hypot(x - origin[0], y - origin[1])
                 add_ground(cell, z, 1.0 / (sigma * sigma))
+                if wet.size > 0:
+                    cell[WATER] += 1.0 if wet[c, i] else -1.0
+                    cell[WATER] = min(max(cell[WATER], -MAX_WET), MAX_WET)
             elif z - below >= clearance:
                 cell[HANG] = min(cell[HANG], z)
             else:
@@ -90,44 +101,66 @@ def _add_standing(cell, z, below, turn):
 
 
 @numba.njit(cache=True)
-def clear_seen_through(cells, points, elevations, origin, rotation, x_min, y_min, resolution, turn):
-    """Take evidence from cells that the newest lidar turn looked through, in place.
+def clear_seen_through(
+    cells, points, labels, elevations, origin, rotation, x_min, y_min, resolution, turn
+):
+    """Take from cells what the newest lidar turn looked through, in place.
 
     A beam looks through a cell when it passes the cell's middle at a height where something was seen to
-    stand and returns from beyond. A beam that does not return says nothing.
+    stand and returns from farther away, or from the ground right behind. A beam that does not return says
+    nothing, and one return from the cell that is not from the ground says that something is still there.
+    Ground is forgotten where a beam passed `PASSED_BELOW` under it.
     elevations : (beams,) radians; origin (3,) and rotation (3, 3) of the sensor in the world
     """
-    columns = points.shape[0]
     rows, cols, _ = cells.shape
-    step = 2.0 * math.pi / columns
     for row in range(rows):
         for col in range(cols):
-            if cells[row, col, EVIDENCE] <= 0.0 or cells[row, col, TURN] == turn:
+            cell = cells[row, col]
+            judged = cell[EVIDENCE] > 0.0 and cell[TURN] != turn
+            if not judged and cell[WEIGHT] == 0.0:
                 continue
             east = x_min + col * resolution - origin[0]
             north = y_min + row * resolution - origin[1]
-            distance = math.hypot(east, north)
-            if distance < resolution:
+            if math.hypot(east, north) < resolution:
                 continue
-            low = cells[row, col, FOOT] - 0.05 - origin[2]
-            high = cells[row, col, TOP] + 0.05 - origin[2]
-            azimuth, lowest = _direction(east, north, low, rotation)
-            _, highest = _direction(east, north, high, rotation)
-            middle = int(np.rint(azimuth / step))
-            reach = int(0.25 * resolution / distance / step)
-            through = False
-            for i in range(len(elevations)):
-                if elevations[i] < lowest or elevations[i] > highest:
-                    continue
-                for c in range(middle - reach, middle + reach + 1):
-                    point = points[c % columns, i]
-                    beyond = math.hypot(point[0] - origin[0], point[1] - origin[1]) - distance
-                    if abs(beyond) <= resolution:
-                        cells[row, col, TURN] = turn  # something is there after all
-                    elif beyond > 0.0:
-                        through = True
-            if through and cells[row, col, TURN] != turn:
-                cells[row, col, EVIDENCE] = max(cells[row, col, EVIDENCE] - SEEN_THROUGH, 0.0)
+            if judged:
+                low, high = cell[FOOT] - 0.05 - origin[2], cell[TOP] + 0.05 - origin[2]
+                seen, past = _look(points, labels, elevations, origin, rotation, east, north, low, high, resolution)
+                if seen:
+                    cell[TURN] = turn
+                elif past:
+                    cell[EVIDENCE] = max(cell[EVIDENCE] - SEEN_THROUGH, 0.0)
+            if cell[WEIGHT] > 0.0:
+                high = cell[MEAN] - PASSED_BELOW - origin[2]
+                _, past = _look(
+                    points, labels, elevations, origin, rotation, east, north, -np.inf, high, resolution
+                )
+                if past:
+                    cell[WEIGHT] = 0.0
+                    cell[LOWEST] = cell[HIGHEST] = np.nan
+
+
+@numba.njit(cache=True)
+def _look(points, labels, elevations, origin, rotation, east, north, low, high, resolution):
+    """What the beams show that pass the middle of the cell at (east, north) from the sensor, between `low`
+    and `high` over it: whether one returned from the cell, not from the ground, and whether one went past."""
+    distance = math.hypot(east, north)
+    step = 2.0 * math.pi / points.shape[0]
+    azimuth, highest = _direction(east, north, high, rotation)
+    lowest = -np.inf if low == -np.inf else _direction(east, north, low, rotation)[1]
+    middle, aside = int(np.rint(azimuth / step)), int(0.25 * resolution / distance / step)
+    seen = past = False
+    for i in range(len(elevations)):
+        if elevations[i] < lowest or elevations[i] > highest:
+            continue
+        for c in range(middle - aside, middle + aside + 1):
+            point = points[c % points.shape[0], i]
+            beyond = math.hypot(point[0] - origin[0], point[1] - origin[1]) - distance
+            if abs(beyond) <= resolution and labels[c % points.shape[0], i] != GROUND:
+                seen = True
+            elif beyond > 0.0:
+                past = True
+    return seen, past
 
 
 @numba.njit(cache=True)

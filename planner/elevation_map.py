@@ -91,7 +91,7 @@ class ElevationMap:
     """Fuses scans into the window about the robot.
 
     Ground is kept apart from what stands on it and from what hangs above the robot (a tree's crown), which
-    neither raises the ground nor blocks. What later scans look through fades; what leaves the window is
+    neither raises the ground nor blocks; water blocks where a camera has told it. What later scans look through fades; what leaves the window is
     forgotten. The lowest beam of a VLP-16 meets flat ground 2.8 m away: nearer cells are unknown until the
     robot has come by, except those it stands on.
     """
@@ -140,14 +140,15 @@ class ElevationMap:
         self.turn += 1
         labels, expected = segment(scan, pose_world_base)
         origin = scan.pose_world_sensor.position
+        wet = np.zeros((0, 0), bool) if scan.wet is None else scan.wet
         place = (self.x_min, self.y_min, self.config.resolution)
         kernels.fuse(
-            self._cells, scan.points, labels, expected, origin, *place,
+            self._cells, scan.points, labels, expected, wet, origin, *place,
             scan.range_sigma, self.config.clearance, float(self.turn),
         )
         if scan.elevations is not None:
             kernels.clear_seen_through(
-                self._cells, scan.points, scan.elevations, origin, scan.pose_world_sensor.rotation,
+                self._cells, scan.points, labels, scan.elevations, origin, scan.pose_world_sensor.rotation,
                 *place, float(self.turn),
             )
 
@@ -167,7 +168,7 @@ class ElevationMap:
             self.config.resolution,
             elevation.astype(np.float32),
             variance.astype(np.float32),
-            blocked | step_cells(mean, self.config),
+            blocked | step_cells(mean, self.config) | (self._cells[:, :, kernels.WATER] > 0.0),
             overhang.astype(np.float32),
         )
 

@@ -135,6 +135,7 @@ class Percept:
     unknown_patch : (40, 40) bool, where the patch was filled
     obstacle_points : (m, 2) world points of mapped obstacle cells near the robot
     obstacle_distances : (72,) nearest mapped obstacle by bearing in the body frame, metres, inf where none
+    known_observers, observer_eyes : ids, and world x, y, z of their eyes in the same order
     """
 
     time_s: float
@@ -151,6 +152,7 @@ class Percept:
     detections: tuple[Detection, ...] = ()
     cover: tuple[CoverEstimate, ...] = ()
     known_observers: tuple[int, ...] = ()
+    observer_eyes: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def goal_distance(self) -> float:

@@ -36,12 +36,14 @@ class Scan:
     elevations : (beams,) radians of a lidar's beams, whose column k looks along azimuth 2πk/columns in the
         sensor frame; None for a camera
     range_sigma : metres, standard deviation of a range
+    wet : (columns, beams) bool, which returns are known to come from water; None where nothing tells
     """
 
     points: np.ndarray
     pose_world_sensor: Pose
     elevations: np.ndarray | None = None
     range_sigma: float = 0.02
+    wet: np.ndarray | None = None
 
 
 def segment(scan: Scan, pose_world_base: Pose) -> tuple[np.ndarray, np.ndarray]:

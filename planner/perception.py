@@ -1,0 +1,195 @@
+"""From sensors, or from the truth, to the one `Percept` that methods decide on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planner.cover import CoverMemory
+from planner.detection import looked_through, sight
+from planner.elevation_map import ElevationMap, MapConfig, elevation_patch
+from planner.frames import CoverEstimate, Detection, GridMap, Percept, Perception, TrackedObstacle
+from planner.ground_segmentation import Scan
+from planner.oracle import TrueMap, true_cover, true_obstacles
+from planner.tracking import ObstacleTracker, locate
+from scenes.pose import Pose, Twist
+from scenes.rays import BodyKind, RayScene
+from scenes.scenario import Observer, Scenario
+from scenes.sensors import CameraImage, Lidar, LidarConfig, Odometry, PointCloud, SemanticCamera
+from scenes.terrain import SURFACES, Surface
+
+CAMERA_PERIOD = 5
+"""Ticks between images: 2 Hz beside the lidar's 10 Hz."""
+
+OBSTACLE_RANGE, MAX_OBSTACLE_POINTS = 6.0, 400
+BEARINGS = 72
+MAPPED_DEPTH = 10.0  # metres: farther depths of the camera are too coarse to map
+PIXEL_STRIDE = 2  # of the depth image, for the map
+
+
+class Perceiver:
+    """The robot's senses. In `Perception.LIDAR` it knows what lidar, camera and odometry tell it over time;
+    in `Perception.ORACLE` it knows everything. Both give the same kind of `Percept`, which says which.
+
+    `perception` may be switched at any time; what was sensed before is kept. It can be pickled, so that a
+    mission can go on elsewhere from where it was.
+
+    scan_points : (n, 3) float32 world points of the newest lidar turn, for drawing
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        perception: Perception = Perception.LIDAR,
+        rng: np.random.Generator | None = None,
+        config: MapConfig = MapConfig(),  # noqa: B008 - frozen
+    ):
+        self.perception = perception
+        self.scan_points = np.zeros((0, 3), np.float32)
+        seeds = np.random.default_rng(0) if rng is None else rng
+        self._lidar_rng, self._camera_rng, self._odometry_rng, self._detection_rng = seeds.spawn(4)
+        self._lidar, self._camera, self._odometry = Lidar(), SemanticCamera(), Odometry()
+        self._map = ElevationMap(scenario.start.x, scenario.start.y, config)
+        self._tracker, self._memory = ObstacleTracker(), CoverMemory()
+        self._detections: tuple[Detection, ...] = ()
+        self._tick = 0
+        self._heightmap = scenario.terrain.heightmap()
+        self.edit(scenario)
+
+    def edit(self, scenario: Scenario) -> None:
+        """Take over a changed scenario of the same terrain. What was sensed is left for the sensors to
+        correct; the truth and the known observers change at once."""
+        self._scenario = scenario
+        self._truth = TrueMap(self._heightmap, scenario.cover, self._map.config)
+        self._true_cover = true_cover(scenario.cover, self._heightmap)
+
+    def perceive(
+        self, rays: RayScene, pose: Pose, twist: Twist, time_s: float, goal: tuple[float, float]
+    ) -> Percept:
+        """What the robot knows at `time_s` when it truly stands at `pose` (of the base, in the world) and
+        moves with `twist`. Call it once a tick, with walkers placed in `rays`."""
+        if self.perception is Perception.ORACLE:
+            self.scan_points = np.zeros((0, 3), np.float32)
+            moving = true_obstacles(self._scenario.obstacles, time_s)
+            grid = self._truth.about(pose.x, pose.y)
+            return self._percept(time_s, pose, twist, goal, grid, moving, (), self._true_cover)
+        estimate, measured = self._odometry.measure(pose, twist, self._odometry_rng)
+        self._map.move_to(estimate.x, estimate.y)
+        self._map.stand_at(estimate)
+        moving = self._scan(rays, pose, estimate, time_s)
+        if self._tick % CAMERA_PERIOD == 0:
+            self._look(rays, pose, estimate)
+        self._tick += 1
+        return self._percept(
+            time_s, estimate, measured, goal, self._map.grid(), moving, self._detections, self._memory.estimates
+        )
+
+    def _scan(self, rays: RayScene, pose: Pose, estimate: Pose, time_s: float) -> tuple[TrackedObstacle, ...]:
+        cloud = self._lidar.scan(rays, pose, self._lidar_rng)
+        self.scan_points = cloud.points
+        world = estimate.to_world(cloud.points_body.astype(float))
+        sensor = estimate.compose(self._lidar.config.mount)
+        kinds = {obstacle.id: obstacle.kind for obstacle in self._scenario.obstacles}
+        sighted = []
+        for body in rays.bodies:
+            if body.kind is BodyKind.OBSTACLE and body.id in kinds:
+                seen = locate(body.id, kinds[body.id], world[cloud.body == body.index], sensor.position)
+                sighted += [] if seen is None else [seen]
+        self._map.add_scan(_lidar_scan(cloud, world, _still(rays), sensor, self._lidar.config), estimate)
+        return self._tracker.update(time_s, sighted)
+
+    def _look(self, rays: RayScene, pose: Pose, estimate: Pose) -> None:
+        image = self._camera.capture(rays, pose, self._camera_rng)
+        sightings = sight(image, rays.bodies, estimate, self._tick, self._detection_rng)
+        seen = {sighting.detection.object_id for sighting in sightings}
+        unseen = [
+            (cover.object_id, np.array([cover.x, cover.y, cover.z + 0.5 * cover.height]))
+            for cover in self._memory.estimates
+            if cover.object_id not in seen
+        ]
+        self._memory.update(sightings, looked_through(image, unseen, estimate))
+        self._detections = tuple(sighting.detection for sighting in sightings)
+        self._map.add_scan(_depth_scan(image, _still(rays), estimate), estimate)
+
+    def _percept(
+        self,
+        time_s: float,
+        pose: Pose,
+        twist: Twist,
+        goal: tuple[float, float],
+        grid: GridMap,
+        moving: tuple[TrackedObstacle, ...],
+        detections: tuple[Detection, ...],
+        cover: tuple[CoverEstimate, ...],
+    ) -> Percept:
+        patch, unknown = elevation_patch(grid, pose)
+        points = obstacle_points(grid)
+        known = [observer for observer in self._scenario.observers if observer.known]
+        return Percept(
+            time_s, self.perception, pose, twist, goal, grid, patch, unknown,
+            nearest_points(points, pose), obstacle_distances(points, pose),
+            moving, detections, cover, tuple(observer.id for observer in known),
+            tuple(self._eye(observer, time_s) for observer in known),
+        )
+
+    def _eye(self, observer: Observer, time_s: float) -> tuple[float, float, float]:
+        x, y, _ = observer.pose_at(time_s)
+        return x, y, float(self._heightmap.height_at(x, y)) + observer.eye_height
+
+
+def obstacle_points(grid: GridMap) -> np.ndarray:
+    """(n, 2) world centres of obstacle cells, without those that other obstacle cells enclose."""
+    blocked = grid.obstacle
+    inner = np.zeros_like(blocked)
+    inner[1:-1, 1:-1] = blocked[:-2, 1:-1] & blocked[2:, 1:-1] & blocked[1:-1, :-2] & blocked[1:-1, 2:]
+    row, col = np.nonzero(blocked & ~inner)
+    return np.column_stack([grid.x_min + col * grid.resolution, grid.y_min + row * grid.resolution])
+
+
+def nearest_points(
+    points: np.ndarray, pose: Pose, reach: float = OBSTACLE_RANGE, limit: int = MAX_OBSTACLE_POINTS
+) -> np.ndarray:
+    """The points (n, 2) within `reach` metres of the robot, nearest first, `limit` of them at most."""
+    distance = np.hypot(points[:, 0] - pose.x, points[:, 1] - pose.y)
+    order = np.argsort(distance, kind="stable")[:limit]
+    return points[order[distance[order] <= reach]]
+
+
+def obstacle_distances(points: np.ndarray, pose: Pose) -> np.ndarray:
+    """(72,) metres to the nearest point by bearing in the body frame, inf where there is none: element k
+    looks along 5k degrees, counter-clockwise from straight ahead."""
+    dx, dy = points[:, 0] - pose.x, points[:, 1] - pose.y
+    bearing = np.rint((np.arctan2(dy, dx) - pose.yaw) / (2.0 * math.pi / BEARINGS)).astype(int) % BEARINGS
+    nearest = np.full(BEARINGS, np.inf)
+    np.minimum.at(nearest, bearing, np.hypot(dx, dy))
+    return nearest
+
+
+def _still(rays: RayScene) -> np.ndarray:
+    """By body label, whether its returns belong in the map; the last element answers for a miss, -1."""
+    return np.array([body.kind is not BodyKind.OBSTACLE for body in rays.bodies] + [False])
+
+
+def _lidar_scan(
+    cloud: PointCloud, world: np.ndarray, still: np.ndarray, sensor: Pose, config: LidarConfig
+) -> Scan:
+    """The cloud in its turn's order, at world points (n, 3), without what moves."""
+    points = np.full((config.azimuths, config.beams, 3), np.nan)
+    kept = still[cloud.body]
+    points[cloud.column[kept], cloud.beam[kept]] = world[kept]
+    elevations = np.linspace(config.lowest, config.highest, config.beams)
+    return Scan(points, sensor, elevations, range_sigma=max(config.noise, 0.02))
+
+
+def _depth_scan(image: CameraImage, still: np.ndarray, estimate: Pose) -> Scan:
+    """A thinned depth image as a scan: a column of pixels is one azimuth, its lowest pixel the first beam."""
+    height, width = image.depth.shape
+    cols, rows = np.arange(0, width, PIXEL_STRIDE), np.arange(height - 1, -1, -PIXEL_STRIDE)
+    col, row = (index.ravel() for index in np.meshgrid(cols, rows, indexing="ij"))
+    points = estimate.to_world(image.points_body(row, col))
+    usable = (image.depth[row, col] <= MAPPED_DEPTH) & still[image.body[row, col]]
+    points[~usable] = np.nan
+    wet = image.surface[row, col] == SURFACES.index(Surface.WATER)
+    shape = len(cols), len(rows)
+    return Scan(points.reshape(*shape, 3), estimate.compose(image.pose), wet=wet.reshape(shape))
