@@ -51,24 +51,41 @@ class Surface:
         """Facets in the mesh's own face or vertex colours."""
         faces = np.asarray(mesh.faces)
         vertices = np.asarray(mesh.vertices)
-        visual = mesh.visual
+        visual: Any = mesh.visual
         if getattr(visual, "kind", None) == "face":
-            colours = np.repeat(np.asarray(visual.face_colors, np.uint8), 3, axis=0)
-            return cls(vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), colours[:, :3])
-        return cls(vertices, faces, np.asarray(visual.to_color().vertex_colors, np.uint8)[:, :3])
+            colours = np.asarray(visual.face_colors, np.uint8)
+            if (colours == colours[0]).all():
+                return cls(vertices, faces, np.tile(colours[0, :3], (len(vertices), 1)))
+            colours = np.repeat(colours, 3, axis=0)
+            return cls(
+                vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), colours[:, :3]
+            )
+        return cls(vertices, faces, np.asarray(visual.vertex_colors, np.uint8)[:, :3])
 
     def moved(self, rotation: np.ndarray, position: np.ndarray) -> Surface:
         """The same mesh turned by a (3, 3) rotation, then shifted by (3,) metres."""
         normals = None if self.normals is None else self.normals @ rotation.T
         vertices = self.vertices @ rotation.T + position
-        return Surface(vertices, self.faces, self.colours, normals, self.uv, self.texture,
-                       self.unlit, self.blended, self.double_sided, self.roughness)
+        return Surface(
+            vertices,
+            self.faces,
+            self.colours,
+            normals,
+            self.uv,
+            self.texture,
+            self.unlit,
+            self.blended,
+            self.double_sided,
+            self.roughness,
+        )
 
 
 def merged(surfaces: list[Surface]) -> Surface:
     """One coloured mesh of many that share a material, so that the browser draws them in one call."""
     starts = np.cumsum([0] + [len(s.vertices) for s in surfaces[:-1]])
-    colours = [np.full((len(s.vertices), 3), 255, np.uint8) if s.colours is None else s.colours for s in surfaces]
+    colours = [
+        np.full((len(s.vertices), 3), 255, np.uint8) if s.colours is None else s.colours for s in surfaces
+    ]
     return Surface(
         np.concatenate([s.vertices for s in surfaces]),
         np.concatenate([s.faces + start for s, start in zip(surfaces, starts, strict=True)]),
@@ -97,7 +114,11 @@ class _Document:
             "asset": {"version": "2.0"},
             "scene": 0,
             "scenes": [{"nodes": []}],
-            "nodes": [], "meshes": [], "materials": [], "accessors": [], "bufferViews": [],
+            "nodes": [],
+            "meshes": [],
+            "materials": [],
+            "accessors": [],
+            "bufferViews": [],
         }
 
     def add(self, surface: Surface) -> None:
@@ -141,13 +162,20 @@ class _Document:
         return len(textures) - 1
 
     def _accessor(
-        self, array: np.ndarray, kind: str, *, bounds: bool = False, normalized: bool = False,
+        self,
+        array: np.ndarray,
+        kind: str,
+        *,
+        bounds: bool = False,
+        normalized: bool = False,
         target: int = _ARRAY_BUFFER,
     ) -> int:
         component = {"f4": _FLOAT, "u2": _UINT16, "u4": _UINT32}[array.dtype.str[1:]]
         accessor: dict[str, Any] = {
             "bufferView": self._view(np.ascontiguousarray(array).tobytes(), target),
-            "componentType": component, "count": len(array), "type": kind,
+            "componentType": component,
+            "count": len(array),
+            "type": kind,
         }
         if bounds:
             accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
@@ -172,11 +200,15 @@ class _Document:
         text += b" " * (-len(text) % 4)
         binary = b"".join(self._chunks)
         total = 12 + 8 + len(text) + 8 + len(binary)
-        return b"".join([
-            struct.pack("<III", 0x46546C67, 2, total),
-            struct.pack("<II", len(text), 0x4E4F534A), text,
-            struct.pack("<II", len(binary), 0x004E4942), binary,
-        ])
+        return b"".join(
+            [
+                struct.pack("<III", 0x46546C67, 2, total),
+                struct.pack("<II", len(text), 0x4E4F534A),
+                text,
+                struct.pack("<II", len(binary), 0x004E4942),
+                binary,
+            ]
+        )
 
 
 def _linear(colours: np.ndarray) -> np.ndarray:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import math
+from typing import Any
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageFilter
 from scipy import ndimage
 
 from app.view import palette
@@ -15,7 +16,8 @@ from app.view.glb import glb
 from scenes.terrain import QUALITIES, SURFACES, Heightmap, Quality, Surface
 
 MAX_DRAWN = 360
-MAX_TEXTURE = 1536
+MAX_TEXTURE = 1200
+RAGGED = 0.2
 SKIRT = 1.2
 CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 25.0, 50.0)
 SUN = np.array([-0.5, 0.6, 0.62]) / np.linalg.norm([-0.5, 0.6, 0.62])
@@ -76,79 +78,89 @@ def paint(heightmap: Heightmap) -> bytes:
     """The ground's texture as a JPEG, north at the top: surface colours with soft ragged borders, a light
     hill shade, contour lines, and grey hatching where the survey interpolated or has nothing."""
     rows, cols = heightmap.shape
-    scale = min(8.0, MAX_TEXTURE / max(rows, cols))
+    scale = min(6.0, MAX_TEXTURE / max(rows, cols))
     size = (max(round(rows * scale), 2), max(round(cols * scale), 2))
     metre = size[1] / (cols * heightmap.resolution)
     rng = np.random.default_rng(7)
-    v, u = np.meshgrid(
-        (np.arange(size[0]) + 0.5) * rows / size[0] - 0.5,
-        (np.arange(size[1]) + 0.5) * cols / size[1] - 0.5,
-        indexing="ij",
+    row, col = _samples(heightmap, size, metre, rng)
+    image = _surface_colours(heightmap.surface[row, col], metre)
+    heights = _stretched(heightmap.heights, size)
+    tufts = (
+        0.5 * _noise(size, metre, 5.0, rng)
+        + 0.3 * _noise(size, metre, 0.7, rng)
+        + 0.25 * _noise(size, metre, 0.12, rng)
     )
-    wobble = 0.22 / heightmap.resolution
-    ragged = (v + wobble * _noise(size, metre, 0.6, rng), u + wobble * _noise(size, metre, 0.6, rng))
-    image = _surface_colours(heightmap, ragged, metre)
-    mottle = 0.55 * _noise(size, metre, 4.0, rng) + 0.3 * _noise(size, metre, 0.8, rng)
-    grain = _noise(size, metre, 0.08, rng)
-    heights = ndimage.map_coordinates(heightmap.heights, (v, u), order=1, mode="nearest")
-    smooth = ndimage.gaussian_filter(heights, 0.5 * scale)
-    shade = _hill_shade(smooth, metre)
-    image *= (shade * (1.0 + 0.06 * mottle + 0.035 * grain))[..., None]
-    image *= (1.0 - _contours(smooth, heightmap.relief))[..., None]
-    _hatch(image, heightmap, (v, u))
+    image *= (_hill_shade(heights, metre) * (1.0 + 0.1 * tufts))[..., None]
+    image *= (1.0 - _contours(heights, heightmap.relief))[..., None]
+    _hatch(image, heightmap.quality[row, col])
     pixels = np.clip(image, 0, 255).astype(np.uint8)[::-1]
     with io.BytesIO() as buffer:
-        Image.fromarray(pixels).save(buffer, "JPEG", quality=86)
+        Image.fromarray(pixels).save(buffer, "JPEG", quality=84)
         return buffer.getvalue()
 
 
-def _surface_colours(heightmap: Heightmap, where: tuple[np.ndarray, np.ndarray], metre: float) -> np.ndarray:
-    table = np.array([palette.GROUND[surface] for surface in SURFACES], float)
-    row = np.clip(np.rint(where[0]).astype(int), 0, heightmap.shape[0] - 1)
-    col = np.clip(np.rint(where[1]).astype(int), 0, heightmap.shape[1] - 1)
-    image = table[heightmap.surface[row, col]]
-    return ndimage.gaussian_filter(image, (0.06 * metre, 0.06 * metre, 0))
+def _samples(
+    heightmap: Heightmap, size: tuple[int, int], metre: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """The map's (row, col) for every pixel, strayed by a fraction of a metre so that borders look grown."""
+    rows, cols = heightmap.shape
+    stray = RAGGED / heightmap.resolution
+    row = (np.arange(size[0], dtype=np.float32)[:, None] + 0.5) * (rows / size[0]) - 0.5
+    col = (np.arange(size[1], dtype=np.float32)[None] + 0.5) * (cols / size[1]) - 0.5
+    row = row + stray * _noise(size, metre, 0.6, rng)
+    col = col + stray * _noise(size, metre, 0.6, rng)
+    return (
+        np.clip(np.rint(row), 0, rows - 1).astype(np.int32),
+        np.clip(np.rint(col), 0, cols - 1).astype(np.int32),
+    )
+
+
+def _surface_colours(surface: np.ndarray, metre: float) -> np.ndarray:
+    table = np.array([palette.GROUND[surface] for surface in SURFACES], np.uint8)
+    blurred = Image.fromarray(table[surface]).filter(ImageFilter.GaussianBlur(0.1 * metre))
+    return np.asarray(blurred, np.float32)
+
+
+def _stretched(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Values (rows, cols) as a smooth float32 image of `size` (height, width)."""
+    image = Image.fromarray(np.ascontiguousarray(values, np.float32))
+    return np.asarray(image.resize((size[1], size[0]), Image.Resampling.BICUBIC))
 
 
 def _noise(size: tuple[int, int], metre: float, wavelength: float, rng: np.random.Generator) -> np.ndarray:
     """Smooth noise of about unit spread whose features are `wavelength` metres apart."""
     step = max(wavelength * metre, 1.0)
-    coarse = rng.standard_normal((math.ceil(size[0] / step) + 3, math.ceil(size[1] / step) + 3))
-    v = np.arange(size[0]) / step
-    u = np.arange(size[1]) / step
-    return ndimage.map_coordinates(coarse, np.meshgrid(v + 1, u + 1, indexing="ij"), order=1)
+    return _stretched(
+        rng.standard_normal((math.ceil(size[0] / step) + 1, math.ceil(size[1] / step) + 1)), size
+    )
 
 
 def _hill_shade(heights: np.ndarray, metre: float) -> np.ndarray:
     dy, dx = np.gradient(heights, 1.0 / metre)
     facing = (SUN[2] - SUN[0] * dx - SUN[1] * dy) / np.sqrt(1.0 + dx**2 + dy**2)
-    return np.clip(1.0 + 0.9 * (facing - SUN[2]), 0.55, 1.35)
+    return np.clip(1.0 + 1.1 * (facing - SUN[2]), 0.5, 1.4)
 
 
 def _contours(heights: np.ndarray, relief: float) -> np.ndarray:
     """Darkening in 0 to 1 along about a dozen contour lines of even width; every fifth is stronger."""
-    interval = next((step for step in CONTOURS if relief / step <= 14), 100.0)
-    if relief < 0.05:
+    if relief < CONTOURS[0]:
         return np.zeros_like(heights)
+    interval = next((step for step in CONTOURS if relief / step <= 14), CONTOURS[-1])
     dy, dx = np.gradient(heights)
     steepness = np.maximum(np.hypot(dx, dy), 1e-6)
 
     def lines(step: float, width: float) -> np.ndarray:
         away = np.abs((heights / step + 0.5) % 1.0 - 0.5) * step / steepness
-        visible = np.clip(steepness / (0.004 * step), 0.0, 1.0)
-        return visible * np.clip(width - away, 0.0, 1.0)
+        return np.clip(width - away, 0.0, 1.0) * np.clip(steepness / (0.003 * step), 0.0, 1.0)
 
-    return np.maximum(0.12 * lines(interval, 1.2), 0.2 * lines(5 * interval, 1.6))
+    return np.maximum(0.16 * lines(interval, 1.1), 0.26 * lines(5 * interval, 1.5))
 
 
-def _hatch(image: np.ndarray, heightmap: Heightmap, where: tuple[np.ndarray, np.ndarray]) -> None:
-    if not heightmap.quality.any():
+def _hatch(image: np.ndarray, quality: np.ndarray) -> None:
+    if not quality.any():
         return
-    row = np.clip(np.rint(where[0]).astype(int), 0, heightmap.shape[0] - 1)
-    col = np.clip(np.rint(where[1]).astype(int), 0, heightmap.shape[1] - 1)
-    quality = heightmap.quality[row, col]
     stripe = ((np.add.outer(np.arange(image.shape[0]), np.arange(image.shape[1])) // 5) % 3 == 0)[..., None]
-    grey = np.array(palette.NO_DATA, float)
+    grey = np.array(palette.NO_DATA, np.float32)
     missing = (quality == QUALITIES.index(Quality.MISSING))[..., None]
     guessed = (quality == QUALITIES.index(Quality.INTERPOLATED))[..., None]
     image[:] = np.where(missing, grey * np.where(stripe, 0.82, 1.0), image)
@@ -160,7 +172,8 @@ def water_glb(heightmap: Heightmap) -> bytes | None:
     wet = heightmap.surface == SURFACES.index(Surface.WATER)
     if not wet.any():
         return None
-    pools, count = ndimage.label(wet, structure=np.ones((3, 3)))
+    labelled: Any = ndimage.label(wet, structure=np.ones((3, 3)))
+    pools, count = labelled
     x, y = heightmap.xy()
     half = 0.5 * heightmap.resolution
     corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
@@ -173,10 +186,8 @@ def water_glb(heightmap: Heightmap) -> bytes | None:
         start = sum(len(v) for v in vertices)
         first = start + 4 * np.arange(len(centres))[:, None]
         vertices.append(np.column_stack([quads, np.full(len(quads), level)]))
-        faces.append(np.concatenate([first + (0, 1, 2), first + (0, 2, 3)]))
+        faces.append(np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])]))
     everything = np.concatenate(vertices)
     colours = np.tile(np.array([*palette.WATER, 190], np.uint8), (len(everything), 1))
     normals = np.tile((0.0, 0.0, 1.0), (len(everything), 1))
-    return glb(
-        Mesh(everything, np.concatenate(faces), colours, normals, blended=True, roughness=0.25)
-    )
+    return glb(Mesh(everything, np.concatenate(faces), colours, normals, blended=True, roughness=0.25))

@@ -14,8 +14,8 @@ from scenes.terrain import Surface
 RGB = tuple[int, int, int]
 
 GROUND: dict[Surface, RGB] = {
-    Surface.GRASS: (111, 121, 82),
-    Surface.TRAIL: (163, 144, 111),
+    Surface.GRASS: (112, 132, 84),
+    Surface.TRAIL: (172, 152, 118),
     Surface.GRAVEL: (146, 141, 131),
     Surface.MUD: (104, 86, 66),
     Surface.SAND: (194, 176, 134),

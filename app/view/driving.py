@@ -1,0 +1,281 @@
+"""What the robot senses, weighs and does: the layers that change with every frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from app.view import palette
+from app.view.glb import Surface, glb
+from app.view.ground import coarsened
+from app.view.nodes import Lines, SwapGlb, draped, polyline, resampled
+from planner.frames import Arcs, CostPatch, Decision, Frame, Percept, Rejection
+from scenes.scenario import Scenario
+from scenes.terrain import Heightmap
+
+MAX_ARCS = 110
+ARC_POINTS = 8
+SHORTEST_ARC = 0.08
+COST_PERIOD_S = 0.4
+PATH_STEP = 0.12
+MAX_PATH = 1200
+BRACKET = 0.18
+_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+
+
+class ScanLayer:
+    """The newest lidar turn, lighter where it is higher above the robot's feet."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._handle = scene.add_point_cloud(
+            f"{root}/points",
+            np.zeros((1, 3)),
+            palette.SCAN_LOW,
+            point_size=0.035,
+            point_shape="circle",
+            point_shading="flat",
+            visible=False,
+        )
+
+    def draw(self, frame: Frame) -> None:
+        points = frame.scan_points
+        self._handle.visible = len(points) > 0
+        if len(points) == 0:
+            return
+        # half precision on the wire: offsets from the robot keep millimetres that map coordinates would lose
+        offsets = points - np.asarray(frame.pose.position, np.float32)
+        share = np.clip((offsets[:, 2:] + 0.3) / 2.5, 0.0, 1.0)
+        low, high = np.array(palette.SCAN_LOW), np.array(palette.SCAN_HIGH)
+        self._handle.position = frame.pose.position
+        self._handle.points = offsets.astype(np.float16)
+        self._handle.colors = ((1.0 - share) * low + share * high).astype(np.uint8)
+
+
+class CostLayer:
+    """The method's cost map laid over the ground it speaks of."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._node = SwapGlb(scene, f"{root}/cost")
+        self._ground: Heightmap | None = None
+        self._source: Heightmap | None = None
+        self._drawn: CostPatch | None = None
+        self._time_s = -np.inf
+        self._opacity = 0.7
+
+    def set_opacity(self, opacity: float) -> None:
+        self._opacity = opacity
+        self._time_s = -np.inf
+
+    def draw(self, frame: Frame, heightmap: Heightmap) -> None:
+        patch = frame.decision.cost if frame.decision is not None else None
+        if patch is None:
+            self.clear()
+            return
+        if patch is self._drawn or abs(frame.time_s - self._time_s) < COST_PERIOD_S:
+            return
+        if heightmap is not self._source:
+            self._source, self._ground = heightmap, coarsened(heightmap)
+        assert self._ground is not None
+        surface = cost_surface(patch, self._ground, self._opacity)
+        self._node.show(None if surface is None else glb(surface))
+        self._drawn, self._time_s = patch, frame.time_s
+
+    def clear(self) -> None:
+        if self._drawn is not None:
+            self._node.show(None)
+        self._drawn, self._time_s = None, -np.inf
+
+
+def cost_surface(patch: CostPatch, ground: Heightmap, opacity: float) -> Surface | None:
+    """The part of the drawn ground under the patch, just above it, in the colours of the costs; None where
+    nothing is known. It shares the ground's own triangles, so it never dips below them."""
+    rows = _span(ground.y_min, ground.resolution, ground.shape[0], patch.y_min, patch, axis=0)
+    cols = _span(ground.x_min, ground.resolution, ground.shape[1], patch.x_min, patch, axis=1)
+    if len(rows) < 2 or len(cols) < 2:
+        return None
+    x = ground.x_min + ground.resolution * cols
+    y = ground.y_min + ground.resolution * rows
+    row = np.clip(np.rint((y - patch.y_min) / patch.resolution).astype(int), 0, patch.cost.shape[0] - 1)
+    col = np.clip(np.rint((x - patch.x_min) / patch.resolution).astype(int), 0, patch.cost.shape[1] - 1)
+    colours = palette.cost_colours(patch.cost[np.ix_(row, col)]).reshape(-1, 4)
+    colours[:, 3] = np.round(colours[:, 3] * opacity)
+    grid_x, grid_y = np.meshgrid(x, y)
+    vertices = np.column_stack(
+        [grid_x.ravel(), grid_y.ravel(), ground.heights[np.ix_(rows, cols)].ravel() + 0.045]
+    )
+    index = np.arange(len(vertices)).reshape(len(rows), len(cols))
+    near, east = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
+    north, far = index[1:, :-1].ravel(), index[1:, 1:].ravel()
+    faces = np.concatenate([np.column_stack([near, east, north]), np.column_stack([east, far, north])])
+    faces = faces[(colours[faces, 3] > 0).any(axis=1)]
+    if len(faces) == 0:
+        return None
+    used, faces = np.unique(faces, return_inverse=True)
+    return Surface(vertices[used], faces.reshape(-1, 3), colours[used], unlit=True, blended=True)
+
+
+def _span(low: float, step: float, count: int, patch_low: float, patch: CostPatch, axis: int) -> np.ndarray:
+    """Indices of the ground's samples that lie over the patch."""
+    patch_high = patch_low + (patch.cost.shape[axis] - 1) * patch.resolution
+    first = max(int(np.ceil((patch_low - low) / step)), 0)
+    last = min(int(np.floor((patch_high - low) / step)), count - 1)
+    return np.arange(first, last + 1)
+
+
+class ArcsLayer:
+    """The dynamic window: candidates faint, rejected ones coloured by reason, the chosen one bright."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._candidates = Lines(scene, f"{root}/candidates", 0.016)
+        self._rejected = Lines(scene, f"{root}/rejected", 0.012)
+        self._chosen = Lines(scene, f"{root}/chosen", 0.1)
+
+    def draw(self, frame: Frame, heightmap: Heightmap) -> None:
+        arcs = frame.decision.arcs if frame.decision is not None else None
+        if arcs is None or len(arcs.v) == 0:
+            for lines in (self._candidates, self._rejected, self._chosen):
+                lines.hide()
+            return
+        shown = thinned(arcs)
+        admissible = arcs.rejection[shown] == Rejection.NONE
+        for lines, group in ((self._candidates, shown[admissible]), (self._rejected, shown[~admissible])):
+            segments, owner = _arc_segments(arcs.poses[group], heightmap, 0.07)
+            table = np.array(
+                [palette.REJECTED.get(Rejection(r), palette.CANDIDATE_ARC) for r in arcs.rejection[group]]
+            )
+            lines.show(segments, table[owner] if len(segments) else palette.CANDIDATE_ARC)
+        best = np.array([arcs.chosen] if arcs.chosen >= 0 else [], int)
+        self._chosen.show(_arc_segments(arcs.poses[best], heightmap, 0.12)[0], palette.CHOSEN_ARC)
+
+
+def thinned(arcs: Arcs) -> np.ndarray:
+    """Indices of at most `MAX_ARCS` candidates that go somewhere, spread evenly; never the chosen one."""
+    length = np.hypot(*np.diff(arcs.poses[:, :, :2], axis=1).transpose(2, 0, 1)).sum(axis=1)
+    moving = np.flatnonzero((length >= SHORTEST_ARC) & (np.arange(len(length)) != arcs.chosen))
+    if len(moving) <= MAX_ARCS:
+        return moving
+    return moving[np.linspace(0, len(moving) - 1, MAX_ARCS).astype(int)]
+
+
+def _arc_segments(poses: np.ndarray, heightmap: Heightmap, lift: float) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 2, 3) segments of arcs (k, steps, 3), and the arc (n,) that each belongs to."""
+    if len(poses) == 0:
+        return np.zeros((0, 2, 3)), np.zeros(0, int)
+    steps = np.unique(np.linspace(0, poses.shape[1] - 1, ARC_POINTS).astype(int))
+    points = draped(heightmap, poses[:, steps, :2], lift)
+    segments = np.stack([points[:, :-1], points[:, 1:]], axis=2)
+    return segments.reshape(-1, 2, 3), np.repeat(np.arange(len(poses)), len(steps) - 1)
+
+
+class RouteLayer:
+    """The planned route and the waypoint that is driven to."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._lines = Lines(scene, f"{root}/line", 0.05)
+        self._waypoint = scene.add_icosphere(
+            f"{root}/waypoint", 0.13, palette.WAYPOINT, subdivisions=2, visible=False, cast_shadow=False
+        )
+
+    def draw(self, frame: Frame, heightmap: Heightmap) -> None:
+        decision = frame.decision or Decision(frame.twist)
+        if decision.route is not None and len(decision.route) > 1:
+            line = resampled(np.asarray(decision.route, float)[:, :2], 0.3)
+            self._lines.show(polyline(draped(heightmap, line, 0.1)), palette.ROUTE)
+        else:
+            self._lines.hide()
+        self._waypoint.visible = decision.waypoint is not None
+        if decision.waypoint is not None:
+            x, y = decision.waypoint
+            self._waypoint.position = (x, y, float(heightmap.height_at(x, y)) + 0.25)
+
+
+class PathLayer:
+    """Where the robot has been since the mission began."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._lines = Lines(scene, f"{root}/line", 0.05)
+        self._points: list[tuple[float, float, float]] = []
+        self._tick = -1
+
+    def draw(self, frame: Frame) -> None:
+        here = (frame.pose.x, frame.pose.y, frame.pose.z + 0.06)
+        if frame.tick < self._tick or (
+            self._points and np.hypot(*np.subtract(here, self._points[-1])[:2]) > 2.0
+        ):
+            self.clear()
+        self._tick = frame.tick
+        if self._points and np.hypot(*np.subtract(here, self._points[-1])[:2]) < PATH_STEP:
+            return
+        self._points.append(here)
+        if len(self._points) > MAX_PATH:
+            self._points = self._points[::2]
+        if len(self._points) > 1:
+            self._lines.show(polyline(np.array(self._points)), palette.TRAVELLED)
+
+    def clear(self) -> None:
+        self._points.clear()
+        self._tick = -1
+        self._lines.hide()
+
+
+class DetectionsLayer:
+    """Brackets about what the camera has found: bright for the newest image, dim for what is remembered,
+    blue-green for the cover that the method has chosen."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._boxes = Lines(scene, f"{root}/boxes", 0.025)
+        self._cover = Lines(scene, f"{root}/cover", 0.06)
+        self._key: object = None
+
+    def draw(self, frame: Frame, scenario: Scenario) -> None:
+        percept, decision = frame.percept, frame.decision
+        chosen = decision.cover_id if decision is not None else None
+        key = (
+            (id(percept.detections), id(percept.cover), chosen, id(scenario)) if percept is not None else None
+        )
+        if key == self._key:
+            return
+        self._key = key
+        if percept is None:
+            self._boxes.hide()
+            self._cover.hide()
+            return
+        boxes, colours, best = _detection_boxes(percept, scenario, chosen)
+        self._boxes.show(boxes.reshape(-1, 2, 3), np.repeat(colours, 3 * len(_CORNERS), axis=0))
+        self._cover.show(best.reshape(-1, 2, 3), palette.CHOSEN_COVER)
+
+
+def _detection_boxes(
+    percept: Percept, scenario: Scenario, chosen: int | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Brackets (n, 24, 2, 3) with their colours (n, 3), and those of the chosen cover (0 or 1, 24, 2, 3)."""
+    fresh = {detection.object_id for detection in percept.detections}
+    boxes, colours, best = [], [], []
+    for cover in percept.cover:
+        box = _brackets((cover.x, cover.y, cover.z), cover.width, cover.height)
+        if cover.object_id == chosen:
+            best.append(box)
+            continue
+        boxes.append(box)
+        colours.append(
+            palette.DETECTION if cover.object_id in fresh else tuple(c // 2 for c in palette.DETECTION)
+        )
+    known = {cover.object_id for cover in percept.cover}
+    for detection in percept.detections:
+        if detection.object_id not in known:
+            boxes.append(_brackets((detection.x_pos, detection.y_pos, detection.z_pos), 0.5, 0.5))
+            colours.append(palette.DETECTION)
+    shape = (-1, 3 * len(_CORNERS), 2, 3)
+    return (
+        np.array(boxes).reshape(shape),
+        np.array(colours, np.uint8).reshape(-1, 3),
+        np.array(best).reshape(shape),
+    )
+
+
+def _brackets(base: tuple[float, float, float], width: float, height: float) -> np.ndarray:
+    """(24, 2, 3) short segments at the corners of an upright box, along its edges."""
+    size = np.array([width, width, height])
+    corners = base + np.array([0.0, 0.0, 0.5 * height]) + 0.5 * size * _CORNERS
+    arms = -_CORNERS[:, None] * np.eye(3) * size * BRACKET
+    return np.stack([np.repeat(corners, 3, axis=0), (corners[:, None] + arms).reshape(-1, 3)], axis=1)

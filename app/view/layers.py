@@ -1,0 +1,57 @@
+"""What can be shown and hidden, the same for everybody who looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from app.view import palette
+
+
+class Layer(StrEnum):
+    TERRAIN = "terrain"
+    WATER = "water"
+    COVER = "cover"
+    SIGHT = "sight"
+    PATROLS = "patrols"
+    SCAN = "scan"
+    COST = "cost"
+    ARCS = "arcs"
+    ROUTE = "route"
+    PATH = "path"
+    DETECTIONS = "detections"
+
+
+@dataclass(frozen=True)
+class LayerStyle:
+    """title : as people read it; key : the digit that toggles it; swatch : its colour in lists."""
+
+    title: str
+    key: str | None
+    swatch: palette.RGB
+    opacity: float | None = None
+
+
+STYLES: dict[Layer, LayerStyle] = {
+    Layer.COVER: LayerStyle("Cover objects", "1", (88, 124, 70)),
+    Layer.SIGHT: LayerStyle("Observers' sight", "2", palette.SEEN, 0.6),
+    Layer.PATROLS: LayerStyle("Patrols", "3", (228, 190, 150)),
+    Layer.SCAN: LayerStyle("Lidar points", "4", palette.SCAN_LOW),
+    Layer.COST: LayerStyle("Cost map", "5", (164, 122, 200), 0.7),
+    Layer.ARCS: LayerStyle("Candidate arcs", "6", palette.CHOSEN_ARC),
+    Layer.ROUTE: LayerStyle("Planned route", "7", palette.ROUTE),
+    Layer.PATH: LayerStyle("Travelled path", "8", palette.TRAVELLED),
+    Layer.DETECTIONS: LayerStyle("Detections", "9", palette.HIDDEN),
+    Layer.TERRAIN: LayerStyle("Terrain", None, (111, 121, 82)),
+    Layer.WATER: LayerStyle("Water", None, palette.WATER),
+}
+
+
+@dataclass
+class LayerState:
+    """Which layers are drawn, and how strongly those with an opacity."""
+
+    visible: dict[Layer, bool] = field(default_factory=lambda: dict.fromkeys(STYLES, True))
+    opacity: dict[Layer, float] = field(
+        default_factory=lambda: {k: s.opacity for k, s in STYLES.items() if s.opacity is not None}
+    )

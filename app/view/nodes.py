@@ -1,0 +1,85 @@
+"""Scene nodes that can be redrawn many times a second: lines, and meshes replaced without a blank."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import pairwise
+
+import numpy as np
+import viser
+
+from scenes.terrain import Heightmap
+
+PARSE_S = 0.6
+_NOWHERE = np.zeros((1, 2, 3), np.float32)
+
+
+class SwapGlb:
+    """A mesh that is replaced by sending the new one beside the old: the browser shows nothing of a GLB
+    while it parses it, so the old one is taken away a moment later."""
+
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        self._scene, self._name = scene, name
+        self._handle: viser.GlbHandle | None = None
+        self._turn = 0
+
+    def show(self, data: bytes | None) -> None:
+        """Draw `data` instead of what was drawn, or nothing."""
+        old, self._handle = self._handle, None
+        if data is not None:
+            self._turn += 1
+            self._handle = self._scene.add_glb(f"{self._name}/{self._turn}", data, cast_shadow=False)
+        if old is None:
+            return
+        if self._handle is None:
+            old.remove()
+        else:
+            asyncio.get_running_loop().call_later(PARSE_S, old.remove)
+
+
+class Lines:
+    """Line segments that come and go."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, thickness: float) -> None:
+        self._handle = scene.add_line_segments(
+            name, _NOWHERE, (255, 255, 255), thickness=thickness, visible=False
+        )
+
+    def show(self, segments: np.ndarray, colours: np.ndarray | tuple[int, int, int]) -> None:
+        """segments : (n, 2, 3) metres; colours : one RGB, or (n, 3) one a segment."""
+        if len(segments) == 0:
+            self.hide()
+            return
+        colours = np.asarray(colours, np.uint8)
+        if colours.ndim == 2:
+            colours = np.repeat(colours[:, None], 2, axis=1)
+        self._handle.points = np.asarray(segments, np.float32)
+        self._handle.colors = colours
+        self._handle.visible = True
+
+    def hide(self) -> None:
+        self._handle.visible = False
+
+
+def draped(heightmap: Heightmap, xy: np.ndarray, lift: float) -> np.ndarray:
+    """Points (..., 2) laid on the ground, (..., 3), `lift` metres above it."""
+    return np.concatenate([xy, heightmap.height_at(xy[..., 0], xy[..., 1])[..., None] + lift], axis=-1)
+
+
+def polyline(points: np.ndarray) -> np.ndarray:
+    """(n - 1, 2, 3) segments through (n, 3) points."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def resampled(points: np.ndarray, step: float) -> np.ndarray:
+    """A polyline (n, 2) with further points so that none is more than `step` metres from the next."""
+    pieces = [points[:1]]
+    for a, b in pairwise(points):
+        count = max(int(np.ceil(np.linalg.norm(b - a) / step)), 1)
+        pieces.append(a + (b - a) * (np.arange(1, count + 1) / count)[:, None])
+    return np.concatenate(pieces)
+
+
+def yaw_wxyz(yaw: float) -> tuple[float, float, float, float]:
+    """Quaternion (w, x, y, z) of a turn about the vertical, radians."""
+    return float(np.cos(0.5 * yaw)), 0.0, 0.0, float(np.sin(0.5 * yaw))

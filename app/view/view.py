@@ -1,0 +1,201 @@
+"""The 3D view of one studio: draws its state for everybody who looks, and turns what they do into commands.
+
+Draws on the studio's loop, at most `DRAW_HZ` times a second and always the newest frame, so a slow browser
+costs nobody else anything. viser's callbacks come on other threads; they only post.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+import viser
+
+from app.changes import Change
+from app.studio import Studio
+from app.view.camera import FIELD_OF_VIEW, opening_view
+from app.view.gizmo import Gizmo
+from app.view.ground import terrain_glb, water_glb
+from app.view.keys import bind_keys
+from app.view.layers import Layer, LayerState
+from app.view.picking import Picker
+from app.view.scene import Scene
+from app.view.viewer import Viewer
+
+log = logging.getLogger(__name__)
+
+DRAW_HZ = 15.0
+PANEL_HZ = 4.0
+
+
+class StudioView:
+    """Owns the scene of a viser server and one `Viewer` for each browser that is connected."""
+
+    def __init__(self, studio: Studio, server: viser.ViserServer) -> None:
+        self.studio, self.server = studio, server
+        self.layers = LayerState()
+        self.picker = Picker()
+        self._viewers: dict[int, Viewer] = {}
+        self._opened = 0
+        self._draw_due: asyncio.TimerHandle | None = None
+        self._drawn_at = self._panels_at = 0.0
+        self._tasks: set[asyncio.Task] = set()
+        _dress(server)
+        self.scene = Scene(server, self.layers)
+        self.gizmo = Gizmo(studio, server.scene, self._refuse)
+        self._frame_camera()
+        self.scene.open(terrain_glb(studio.heightmap), water_glb(studio.heightmap))
+        self._edit()
+        self._unsubscribe = studio.subscribe(self._changed)
+        bind_keys(self)
+        self._listen()
+
+    def close(self) -> None:
+        """Stop drawing."""
+        self._unsubscribe()
+        if self._draw_due is not None:
+            self._draw_due.cancel()
+
+    # people
+
+    def viewer(self, client_id: int | None) -> Viewer | None:
+        return self._viewers.get(client_id) if client_id is not None else None
+
+    def for_viewer(self, client_id: int | None, action: Callable[[Viewer], None]) -> None:
+        """From any thread: let `action` run on the loop for one person, who is told of a refusal."""
+        self.studio.post(
+            self._act, client_id, action, on_error=lambda reason: self._refuse(client_id, reason)
+        )
+
+    def _act(self, client_id: int | None, action: Callable[[Viewer], None]) -> None:
+        viewer = self.viewer(client_id)
+        if viewer is not None:
+            action(viewer)
+
+    def _refuse(self, client_id: int | None, reason: str) -> None:
+        viewer = self.viewer(client_id)
+        if viewer is not None:
+            viewer.refuse(reason)
+
+    def _listen(self) -> None:
+        @self.server.scene.on_click()  # pyright: ignore[reportArgumentType] - viser awaits coroutines too
+        async def _(event: viser.SceneClickEvent) -> None:
+            origin, direction = event.ray_origin, event.ray_direction
+            self.for_viewer(event.client_id, lambda viewer: viewer.click(origin, direction))
+
+        @self.server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            self.studio.post(self._welcome, client)
+
+        @self.server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self.studio.post(self._part, client.client_id)
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        self._viewers[client.client_id] = Viewer(self, client)
+
+    def _part(self, client_id: int) -> None:
+        self._viewers.pop(client_id, None)
+        self.gizmo.release(client_id)
+
+    # drawing
+
+    def _changed(self, change: Change) -> None:
+        match change:
+            case Change.OPENED:
+                task = asyncio.ensure_future(self._open())
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
+            case Change.EDITED:
+                self._edit()
+            case Change.SELECTED:
+                self._edit()
+            case Change.FRAME:
+                self._schedule_draw()
+            case Change.STATUS if self.studio.frame is None:
+                self._edit()
+        if change is not Change.FRAME:
+            for viewer in self._viewers.values():
+                viewer.refresh(change)
+
+    async def _open(self) -> None:
+        self._opened += 1
+        mine, heightmap = self._opened, self.studio.heightmap
+        ground = await asyncio.to_thread(terrain_glb, heightmap)
+        water = await asyncio.to_thread(water_glb, heightmap)
+        if mine != self._opened:
+            return
+        self.scene.open(ground, water)
+        self._edit()
+        self._frame_camera()
+        for viewer in self._viewers.values():
+            viewer.eye.opening(opening_view(self.studio.scenario, heightmap))
+
+    def _edit(self) -> None:
+        studio = self.studio
+        with self.server.atomic():
+            self.scene.edit(studio.scenario, studio.heightmap, studio.selection, studio.frame)
+            self.gizmo.follow(studio.selection)
+
+    def _schedule_draw(self) -> None:
+        if self._draw_due is None:
+            loop = asyncio.get_running_loop()
+            wait = max(self._drawn_at + 1.0 / DRAW_HZ - loop.time(), 0.0)
+            self._draw_due = loop.call_later(wait, self._draw)
+
+    def _draw(self) -> None:
+        self._draw_due = None
+        self._drawn_at = asyncio.get_running_loop().time()
+        studio = self.studio
+        if studio.frame is None:
+            return
+        with self.server.atomic():
+            self.scene.draw(studio.frame, studio.scenario, studio.heightmap)
+        panels = self._drawn_at - self._panels_at >= 1.0 / PANEL_HZ
+        if panels:
+            self._panels_at = self._drawn_at
+        for viewer in tuple(self._viewers.values()):
+            viewer.eye.keep_up(studio.frame.pose)
+            if panels:
+                viewer.refresh(Change.FRAME)
+
+    def show_layer(self, layer: Layer, visible: bool) -> None:
+        """Show or hide a layer for everybody."""
+        self.layers.visible[layer] = visible
+        self.scene.show_layer(layer, visible)
+        if visible and self.studio.frame is not None:
+            self._schedule_draw()
+        self._layers_changed()
+
+    def set_opacity(self, layer: Layer, opacity: float) -> None:
+        """How strongly a layer is drawn, 0 to 1. Raises ValueError."""
+        if not 0.0 <= opacity <= 1.0:
+            raise ValueError(f"opacity must be 0 to 1, got {opacity}")
+        self.layers.opacity[layer] = opacity
+        self.scene.set_opacity(layer, opacity, self.studio.heightmap)
+        if self.studio.frame is not None:
+            self._schedule_draw()
+        self._layers_changed()
+
+    def _layers_changed(self) -> None:
+        for viewer in self._viewers.values():
+            viewer.refresh_layers()
+
+    def _frame_camera(self) -> None:
+        view = opening_view(self.studio.scenario, self.studio.heightmap)
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = view.position, view.look_at
+        camera.fov, camera.near, camera.far = FIELD_OF_VIEW, 0.1, 3000.0
+
+
+def _dress(server: viser.ViserServer) -> None:
+    server.gui.configure_theme(
+        dark_mode=True,
+        show_logo=False,
+        show_share_button=False,
+        brand_color=(38, 160, 150),
+        control_width="medium",
+    )
+    server.gui.main_panel.dock_right()
+    server.gui.main_panel.set_width(330)

@@ -1,0 +1,80 @@
+"""One person who looks: their tool, their camera, their panel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import viser
+
+from app.changes import Change
+from app.view import tools
+from app.view.camera import Eye, opening_view, top_view
+from app.view.panel import Panel
+from app.view.tools import Armed, Tool
+from scenes.pose import Pose
+
+if TYPE_CHECKING:
+    from app.view.view import StudioView
+
+REFUSAL_S = 6.0
+
+
+class Viewer:
+    """Lives on the studio's loop, from a browser's first camera to its going."""
+
+    def __init__(self, view: StudioView, client: viser.ClientHandle) -> None:
+        self.view, self.client, self.studio = view, client, view.studio
+        self.armed = Armed()
+        self.eye = Eye(client)
+        self.panel = Panel(self)
+
+    def arm(self, tool: Tool | None) -> None:
+        """Hold a tool; the one already held is put down."""
+        self.armed.tool = None if tool is self.armed.tool else tool
+        self.panel.refresh_tool()
+
+    def disarm_or_deselect(self) -> None:
+        if self.armed.tool is not None:
+            self.arm(None)
+        else:
+            self.studio.select(None)
+
+    def click(self, origin: Sequence[float], direction: Sequence[float]) -> None:
+        """A click whose ray goes from `origin` along `direction`, world frame."""
+        studio = self.studio
+        try:
+            pick = self.view.picker.pick(origin, direction, studio.scenario, studio.heightmap, studio.frame)
+        except ValueError:
+            return  # a ray that no mouse makes
+        tools.click(studio, self.armed, pick)
+
+    def delete_selected(self) -> None:
+        if self.studio.selection is not None:
+            self.studio.remove(self.studio.selection)
+
+    def follow(self) -> None:
+        self.eye.toggle_follow(self._robot_pose())
+
+    def look_from_above(self) -> None:
+        self.eye.toggle_top(top_view(self.studio.heightmap, (0.0, 0.0)))
+
+    def look_as_at_first(self) -> None:
+        self.eye.opening(opening_view(self.studio.scenario, self.studio.heightmap))
+
+    def _robot_pose(self) -> Pose:
+        if self.studio.frame is not None:
+            return self.studio.frame.pose
+        start = self.studio.scenario.start
+        return Pose(start.x, start.y, float(self.studio.heightmap.height_at(start.x, start.y)))
+
+    def refuse(self, reason: str) -> None:
+        """Say why something was not done."""
+        sentence = reason[:1].upper() + reason[1:]
+        self.client.add_notification("Not done", sentence, color="orange", auto_close_seconds=REFUSAL_S)
+
+    def refresh(self, change: Change) -> None:
+        self.panel.refresh(change)
+
+    def refresh_layers(self) -> None:
+        self.panel.refresh_layers()
