@@ -145,7 +145,7 @@ def _scenario(
 def _raised(thing: CoverObject, vertical_scale: float) -> CoverObject:
     if vertical_scale == 1.0:
         return thing
-    height = min(max((thing.height or 0.0) * vertical_scale, 0.05), 60.0)
+    height = min(max(thing.height * vertical_scale, 0.05), 60.0)
     return thing.model_copy(update={"height": round(height, 2)})
 
 

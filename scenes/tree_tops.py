@@ -83,10 +83,10 @@ def height_above_ground(cloud: PointCloud, ground: SurveyGround) -> np.ndarray:
 
 
 def _canopy_cell(cloud: PointCloud, pick: np.ndarray) -> float:
-    """Cell size that holds about one plant return where plants stand."""
+    """Cell size that holds about four plant returns where plants stand, so that few cells are empty."""
     square_metres = np.column_stack([np.rint(cloud.x[pick]), np.rint(cloud.y[pick])])
     area = len(np.unique(square_metres, axis=0))
-    return min(max(math.sqrt(area / int(pick.sum())), CANOPY_CELLS[0]), CANOPY_CELLS[1])
+    return min(max(math.sqrt(4.0 * area / int(pick.sum())), CANOPY_CELLS[0]), CANOPY_CELLS[1])
 
 
 def canopy_heights(x: np.ndarray, y: np.ndarray, above: np.ndarray, resolution: float) -> CanopyHeights:
