@@ -46,7 +46,9 @@ def drive(state: DriveState, command: Twist, measured: Twist, dt: float) -> tupl
     )
     speed_error, yaw_error = v - measured.v, w - measured.w
     speed_correction = _clip(
-        state.speed_correction + SPEED_INTEGRAL_GAIN * speed_error * dt, -MAX_SPEED_CORRECTION, MAX_SPEED_CORRECTION
+        state.speed_correction + SPEED_INTEGRAL_GAIN * speed_error * dt,
+        -MAX_SPEED_CORRECTION,
+        MAX_SPEED_CORRECTION,
     )
     yaw_correction = _clip(
         state.yaw_correction + YAW_INTEGRAL_GAIN * yaw_error * dt, -MAX_YAW_CORRECTION, MAX_YAW_CORRECTION

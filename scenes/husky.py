@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import pybullet_data
 import trimesh
 from scipy.spatial.transform import Rotation
+from trimesh.visual import ColorVisuals
 
 from scenes.pose import Pose
 
@@ -52,8 +53,8 @@ def driving_urdf() -> str:
     """The model reduced to what drives: the chassis and its four wheels, without meshes.
 
     Bullet would give a kilogram to every link for which the file has no mass (plates, bumpers, sensors):
-    six kilograms too much, all of it in the wrong place. The tyres are made as stiff as pumped ones are: at the
-    file's 30 kN/m they sink 4 mm.
+    six kilograms too much, all of it in the wrong place. The tyres are made as stiff as pumped ones are; at
+    the file's 30 kN/m they sink 4 mm.
     """
     robot = ElementTree.parse(_source()).getroot()
     kept = {"base_link"} | {f"{wheel}_link" for wheel in WHEELS}
@@ -69,7 +70,8 @@ def driving_urdf() -> str:
                 setting.set("value", f"{value:g}")
         if name == "base_link":
             x, y, z = MASS_CENTRE
-            element.find("inertial/origin").set("xyz", f"{x} {y} {z - CHASSIS_HEIGHT}")
+            for origin in element.findall("inertial/origin"):
+                origin.set("xyz", f"{x} {y} {z - CHASSIS_HEIGHT}")
     return ElementTree.tostring(robot, encoding="unicode")
 
 
@@ -85,12 +87,12 @@ def husky_visuals() -> dict[str, HuskyPart]:
     # Left over from the file's template; yourdfpy takes it for a number.
     text = re.sub(r"\$\(optenv\s+\S+\s*([^)]*)\)", r"\1", source.read_text("utf-8"))
     model = URDF.load(StringIO(text), load_meshes=False)
-    colours = {material.name: material.color.rgba for material in model.robot.materials}
+    colours = {material.name: material.color.rgba for material in model.robot.materials if material.color}
     parts = {}
     for name, link in model.link_map.items():
         for visual in link.visuals:
             mesh = trimesh.load_mesh(source.parent / visual.geometry.mesh.filename)
-            mesh.visual.face_colors = colours[visual.material.name]
+            mesh.visual = ColorVisuals(mesh, face_colors=colours[visual.material.name])
             transform = model.get_transform(name, "base_footprint")
             if visual.origin is not None:
                 transform = transform @ visual.origin

@@ -9,13 +9,13 @@ import math
 import tempfile
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pybullet as bullet
-from scipy.spatial.transform import Rotation
 
 from scenes.drive import DriveState, clipped, drive
 from scenes.husky import MASS_CENTRE, WHEELS, driving_urdf
@@ -69,6 +69,20 @@ class WorldState:
     touching: tuple[Contact, ...]
 
 
+class _Client:
+    """pybullet's functions bound to one connection of its own, so that worlds never disturb each other."""
+
+    def __init__(self) -> None:
+        self._id = bullet.connect(bullet.DIRECT)
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(bullet, name)
+        if callable(value):
+            value = partial(value, physicsClientId=self._id)
+        setattr(self, name, value)  # found at once the next time
+        return value
+
+
 class World:
     """The physics of one scenario, in a pybullet client of its own.
 
@@ -96,19 +110,18 @@ class World:
             raise ValueError("the heightmap holds heights that are not finite; fill missing cells first")
         self.heightmap = heightmap
         self._cover_meshes = cover_meshes
-        self._client = bullet.connect(bullet.DIRECT)
-        self._closed = weakref.finalize(self, bullet.disconnect, self._client)
+        self._bullet = _Client()
+        self._closed = weakref.finalize(self, self._bullet.disconnect)
         self._cover: dict[int, tuple[CoverObject, int]] = {}
         self._obstacles: tuple[tuple[MovingObstacle, int], ...] = ()
         self._steps = round(time_s / STEP_S)
         self._drive = DriveState()
         self._touching: tuple[Contact, ...] = ()
-        bullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
-        bullet.setPhysicsEngineParameter(
+        self._bullet.setGravity(0.0, 0.0, -9.81)
+        self._bullet.setPhysicsEngineParameter(
             fixedTimeStep=STEP_S,
             deterministicOverlappingPairs=1,
             enableConeFriction=0,  # with it, friction of a turning wheel depends on its heading
-            physicsClientId=self._client,
         )
         self._ground = self._add_ground()
         self._add_walls()
@@ -156,7 +169,7 @@ class World:
     @property
     def wheel_angles(self) -> tuple[float, float, float, float]:
         """Radians turned: front left, front right, rear left, rear right."""
-        states = bullet.getJointStates(self._robot, self._wheels, physicsClientId=self._client)
+        states = self._bullet.getJointStates(self._robot, self._wheels)
         front_left, front_right, rear_left, rear_right = (state[0] for state in states)
         return front_left, front_right, rear_left, rear_right
 
@@ -165,10 +178,10 @@ class World:
         return self._touching
 
     def _centre_pose(self):
-        return bullet.getBasePositionAndOrientation(self._robot, physicsClientId=self._client)
+        return self._bullet.getBasePositionAndOrientation(self._robot)
 
     def _twist(self, matrix) -> Twist:
-        (vx, vy, vz), (wx, wy, wz) = bullet.getBaseVelocity(self._robot, physicsClientId=self._client)
+        (vx, vy, vz), (wx, wy, wz) = self._bullet.getBaseVelocity(self._robot)
         w = wx * matrix[2] + wy * matrix[5] + wz * matrix[8]
         sideways = wx * matrix[1] + wy * matrix[4] + wz * matrix[7]
         v = vx * matrix[0] + vy * matrix[3] + vz * matrix[6]
@@ -194,9 +207,7 @@ class World:
         for _ in range(steps):
             self._advance(command)
             for body, contact in near.items():
-                if contact not in touched and bullet.getContactPoints(
-                    self._robot, body, physicsClientId=self._client
-                ):
+                if contact not in touched and self._bullet.getContactPoints(self._robot, body):
                     touched[contact] = None
         self._touching = tuple(touched)
         self._check_robot()
@@ -205,19 +216,18 @@ class World:
         if self._steps % OBSTACLE_STEPS == 0:
             self._move_obstacles()
         self._turn_wheels(command)
-        bullet.stepSimulation(physicsClientId=self._client)
+        self._bullet.stepSimulation()
         self._steps += 1
 
     def _turn_wheels(self, command: Twist) -> None:
         matrix = bullet.getMatrixFromQuaternion(self._centre_pose()[1])
         self._drive, left, right = drive(self._drive, command, self._twist(matrix), STEP_S)
-        bullet.setJointMotorControlArray(
+        self._bullet.setJointMotorControlArray(
             self._robot,
             self._wheels,
-            bullet.VELOCITY_CONTROL,
+            self._bullet.VELOCITY_CONTROL,
             targetVelocities=(left, right, left, right),
             forces=(WHEEL_TORQUE,) * 4,
-            physicsClientId=self._client,
         )
 
     def _within_reach(self, duration_s: float) -> dict[int, Contact]:
@@ -257,17 +267,17 @@ class World:
         if not self.heightmap.contains(x, y):
             raise ValueError(f"the robot cannot be placed at ({x:g}, {y:g}): that is off the map")
         pose = standing_pose(self.heightmap, x, y, yaw)
-        bullet.resetBasePositionAndOrientation(
-            self._robot, pose.to_world(np.array(MASS_CENTRE)), pose.quaternion, physicsClientId=self._client
+        self._bullet.resetBasePositionAndOrientation(
+            self._robot, pose.to_world(np.array(MASS_CENTRE)), pose.quaternion
         )
-        bullet.resetBaseVelocity(self._robot, (0, 0, 0), (0, 0, 0), physicsClientId=self._client)
+        self._bullet.resetBaseVelocity(self._robot, (0, 0, 0), (0, 0, 0))
         for wheel in self._wheels:
-            bullet.resetJointState(self._robot, wheel, 0.0, 0.0, physicsClientId=self._client)
+            self._bullet.resetJointState(self._robot, wheel, 0.0, 0.0)
         self._drive = DriveState()
         self._touching = ()
         for _ in range(SETTLING_STEPS):
             self._turn_wheels(Twist())
-            bullet.stepSimulation(physicsClientId=self._client)
+            self._bullet.stepSimulation()
         self._drive = DriveState()
         self._check_robot()
 
@@ -278,17 +288,18 @@ class World:
         wanted = {thing.id: thing for thing in cover}
         for key, (thing, body) in list(self._cover.items()):
             if wanted.get(key) != thing:
-                bullet.removeBody(body, physicsClientId=self._client)
+                self._bullet.removeBody(body)
                 del self._cover[key]
         kept = self._cover
         self._cover = {
-            key: kept[key] if key in kept else (thing, self._add_cover(thing)) for key, thing in wanted.items()
+            key: kept[key] if key in kept else (thing, self._add_cover(thing))
+            for key, thing in wanted.items()
         }
 
     def set_obstacles(self, obstacles: Sequence[MovingObstacle]) -> None:
         """Replace the moving obstacles; they go on with their beats at the world's time."""
         for _, body in self._obstacles:
-            bullet.removeBody(body, physicsClientId=self._client)
+            self._bullet.removeBody(body)
         self._obstacles = tuple((thing, self._add_obstacle(thing)) for thing in obstacles)
         self._move_obstacles()
 
@@ -296,24 +307,22 @@ class World:
         for thing, body in self._obstacles:
             x, y, yaw = thing.pose_at(self.time_s)
             z = float(self.heightmap.height_at(x, y)) + 0.5 * thing.size[2]
-            bullet.resetBasePositionAndOrientation(
-                body, (x, y, z), (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)),
-                physicsClientId=self._client,
+            self._bullet.resetBasePositionAndOrientation(
+                body, (x, y, z), (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
             )
 
     def _add_ground(self) -> int:
         heights = self.heightmap.heights.astype(np.float32)
         rows, columns = heights.shape
         spacing = self.heightmap.resolution
-        shape = bullet.createCollisionShape(
-            bullet.GEOM_HEIGHTFIELD,
+        shape = self._bullet.createCollisionShape(
+            self._bullet.GEOM_HEIGHTFIELD,
             meshScale=(spacing, spacing, 1.0),
             heightfieldData=heights.ravel().tolist(),
             numHeightfieldRows=columns,  # Bullet's rows are samples along x
             numHeightfieldColumns=rows,
             # Without it, tyres that slide sideways jam on the edges between coplanar triangles.
-            flags=bullet.GEOM_CONCAVE_INTERNAL_EDGE,
-            physicsClientId=self._client,
+            flags=self._bullet.GEOM_CONCAVE_INTERNAL_EDGE,
         )
         # Bullet centres a height field on the middle of its range.
         middle = 0.5 * (float(heights.min()) + float(heights.max()))
@@ -340,18 +349,14 @@ class World:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "husky.urdf"
             path.write_text(driving_urdf(), "utf-8")
-            robot = bullet.loadURDF(
-                str(path), flags=bullet.URDF_USE_IMPLICIT_CYLINDER, physicsClientId=self._client
-            )
+            robot = self._bullet.loadURDF(str(path), flags=self._bullet.URDF_USE_IMPLICIT_CYLINDER)
         joints = {
-            bullet.getJointInfo(robot, index, physicsClientId=self._client)[1].decode(): index
-            for index in range(bullet.getNumJoints(robot, physicsClientId=self._client))
+            self._bullet.getJointInfo(robot, index)[1].decode(): index
+            for index in range(self._bullet.getNumJoints(robot))
         }
         self._wheels = [joints[wheel] for wheel in WHEELS]
         for wheel in self._wheels:
-            bullet.changeDynamics(
-                robot, wheel, anisotropicFriction=(1.0, SIDEWAYS_GRIP, 1.0), physicsClientId=self._client
-            )
+            self._bullet.changeDynamics(robot, wheel, anisotropicFriction=(1.0, SIDEWAYS_GRIP, 1.0))
         return robot
 
     def _add_cover(self, thing: CoverObject) -> int:
@@ -362,58 +367,105 @@ class World:
     def _add_obstacle(self, thing: MovingObstacle) -> int:
         length, width, height = thing.size
         if thing.kind is ObstacleKind.PERSON:
-            shape = bullet.createCollisionShape(
-                bullet.GEOM_CYLINDER, radius=0.5 * length, height=height, physicsClientId=self._client
+            shape = self._bullet.createCollisionShape(
+                self._bullet.GEOM_CYLINDER, radius=0.5 * length, height=height
             )
         else:
             shape = self._box((0.5 * length, 0.5 * width, 0.5 * height))
         return self._add_body(shape, (0.0, 0.0, 0.0))
 
     def _add_body(self, shape, position, orientation=(0.0, 0.0, 0.0, 1.0), friction=COVER_FRICTION) -> int:
-        body = bullet.createMultiBody(
-            0.0, shape, basePosition=position, baseOrientation=orientation, physicsClientId=self._client
-        )
-        bullet.changeDynamics(body, -1, lateralFriction=friction, physicsClientId=self._client)
+        body = self._bullet.createMultiBody(0.0, shape, basePosition=position, baseOrientation=orientation)
+        self._bullet.changeDynamics(body, -1, lateralFriction=friction)
         return body
 
     def _box(self, half_extents) -> int:
-        return bullet.createCollisionShape(
-            bullet.GEOM_BOX, halfExtents=half_extents, physicsClientId=self._client
-        )
+        return self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half_extents)
 
     def _shapes(self, thing: CoverObject) -> int:
         shapes = collision_shapes(thing)
         boxes = [isinstance(shape, CollisionBox) for shape in shapes]
-        return bullet.createCollisionShapeArray(
-            shapeTypes=[bullet.GEOM_BOX if box else bullet.GEOM_CYLINDER for box in boxes],
+        return self._bullet.createCollisionShapeArray(
+            shapeTypes=[self._bullet.GEOM_BOX if box else self._bullet.GEOM_CYLINDER for box in boxes],
             halfExtents=[s.half_extents if isinstance(s, CollisionBox) else (0, 0, 0) for s in shapes],
             radii=[0.0 if isinstance(s, CollisionBox) else s.radius for s in shapes],
             lengths=[0.0 if isinstance(s, CollisionBox) else s.height for s in shapes],
             collisionFramePositions=[s.center for s in shapes],
-            physicsClientId=self._client,
         )
 
     def _mesh(self, mesh) -> int:
-        return bullet.createCollisionShape(
-            bullet.GEOM_MESH,
+        return self._bullet.createCollisionShape(
+            self._bullet.GEOM_MESH,
             vertices=mesh.vertices.tolist(),
             indices=mesh.faces.ravel().tolist(),
-            flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH,
-            physicsClientId=self._client,
+            flags=self._bullet.GEOM_FORCE_CONCAVE_TRIMESH,
         )
+
+    # --- Bullet's own eyes, for comparison with `scenes.rays` and `scenes.sensors` -----------------
+
+    def cast_rays(
+        self, origins: np.ndarray, directions: np.ndarray, max_range: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The first hit along rays (n, 3), directions of unit length, by Bullet's batched ray test: distance
+        (n,) float32, inf for a miss, and label (n,) int32 as in `RayScene.bodies`, -1 for a miss and for
+        what has no label there (walls, the robot)."""
+        origins = np.broadcast_to(np.asarray(origins, float), np.shape(directions))
+        ends = origins + max_range * np.asarray(directions, float)
+        answers = []
+        for begin in range(0, len(ends), RAY_BATCH):
+            batch = slice(begin, begin + RAY_BATCH)
+            answers += self._bullet.rayTestBatch(origins[batch].tolist(), ends[batch].tolist(), numThreads=1)
+        labels = self._labels()
+        body = np.array([labels.get(answer[0], -1) for answer in answers], np.int32)
+        share = np.array([answer[2] for answer in answers], np.float32)
+        return np.where(body >= 0, share * np.float32(max_range), np.float32(np.inf)), body
+
+    def render_segmentation(
+        self, pose_world_camera: Pose, width: int, height: int, fov_horizontal: float, max_range: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bullet's software renderer: depth (height, width) float32 along the optical axis, inf where nothing
+        is, and labels (height, width) int32 as in `RayScene.bodies`, -1 for the rest."""
+        near = 0.05
+        rotation = pose_world_camera.rotation
+        eye = pose_world_camera.position
+        fov_vertical = 2.0 * math.atan(math.tan(0.5 * fov_horizontal) * height / width)
+        _, _, _, buffer, segments = self._bullet.getCameraImage(
+            width,
+            height,
+            viewMatrix=bullet.computeViewMatrix(eye, eye + rotation[:, 0], rotation[:, 2]),
+            projectionMatrix=bullet.computeProjectionMatrixFOV(
+                math.degrees(fov_vertical), width / height, near, max_range
+            ),
+            shadow=0,
+            renderer=self._bullet.ER_TINY_RENDERER,
+        )
+        buffer = np.reshape(buffer, (height, width)).astype(float)
+        depth = max_range * near / (max_range - (max_range - near) * buffer)
+        labels = self._labels()
+        table = np.full(max(labels) + 2, -1, np.int32)
+        for body, label in labels.items():
+            table[body] = label
+        segments = np.reshape(segments, (height, width))
+        known = (segments >= 0) & (segments < len(table) - 1) & (depth <= max_range)
+        body = np.where(known, table[segments.clip(-1, len(table) - 1)], -1)
+        return np.where(body >= 0, depth, np.inf).astype(np.float32), body.astype(np.int32)
+
+    def _labels(self) -> dict[int, int]:
+        """Labels in `RayScene.bodies` by Bullet's body id."""
+        return {body: label for label, body in enumerate((self._ground, *self._bodies))}
 
     # --- moments to come back to -----------------------------------------------------------------
 
     def save(self) -> WorldState:
         """The present moment, to the last bit, for `restore` in this same world."""
         state = WorldState(
-            bullet.saveState(physicsClientId=self._client),
+            self._bullet.saveState(),
             self._bodies,
             self._steps,
             self._drive,
             self._touching,
         )
-        weakref.finalize(state, _forget, self._client, self._closed, state.bullet_state)
+        weakref.finalize(state, _forget, self._bullet, self._closed, state.bullet_state)
         return state
 
     def restore(self, state: WorldState) -> None:
@@ -423,7 +475,7 @@ class World:
         """
         if state.bodies != self._bodies:
             raise ValueError("the cover or the obstacles have changed since this state was saved")
-        bullet.restoreState(stateId=state.bullet_state, physicsClientId=self._client)
+        self._bullet.restoreState(stateId=state.bullet_state)
         self._steps, self._drive, self._touching = state.steps, state.drive, state.touching
 
     @property
@@ -431,6 +483,6 @@ class World:
         return tuple(body for _, body in (*self._cover.values(), *self._obstacles))
 
 
-def _forget(client: int, closed: weakref.finalize, bullet_state: int) -> None:
+def _forget(client: _Client, closed: weakref.finalize, bullet_state: int) -> None:
     if closed.alive:
-        bullet.removeState(bullet_state, physicsClientId=client)
+        client.removeState(bullet_state)

@@ -24,7 +24,8 @@ class Pose:
     def from_quaternion(cls, position, quaternion) -> Pose:
         """Build from a position (3,) and an (x, y, z, w) unit quaternion."""
         yaw, pitch, roll = Rotation.from_quat(quaternion).as_euler("ZYX")
-        return cls(*(float(v) for v in position), float(roll), float(pitch), float(yaw))
+        x, y, z = (float(v) for v in position)
+        return cls(x, y, z, float(roll), float(pitch), float(yaw))
 
     @cached_property
     def position(self) -> np.ndarray:

@@ -10,12 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
+from trimesh.visual import ColorVisuals
 
 from scenes.catalogue import CATALOGUE
 from scenes.meshes import cover_mesh, cover_pose, walker_mesh
@@ -76,7 +78,7 @@ class Hits:
 class _Figure:
     """A walker's mesh in its own frame, with the sphere about it that spares most rays the query."""
 
-    def __init__(self, kind: str):
+    def __init__(self, kind: Literal["person", "vehicle", "observer"]):
         mesh = walker_mesh(kind)
         self.scene = _build([(mesh.vertices, mesh.faces)])
         self.colours = _face_colours(mesh)
@@ -121,11 +123,14 @@ class RayScene:
             self._colours.append(_face_colours(mesh))
         self._static = tuple(bodies)
         self._scene = _build(self._parts)
-        self._sight: EmbreeScene | None = None
+        self.__dict__.pop("_sight_scene", None)
         self._rename_walkers()
 
     def set_walkers(
-        self, obstacles: Sequence[MovingObstacle] = (), observers: Sequence[Observer] = (), time_s: float = 0.0
+        self,
+        obstacles: Sequence[MovingObstacle] = (),
+        observers: Sequence[Observer] = (),
+        time_s: float = 0.0,
     ) -> None:
         """Put the figures of moving obstacles and observers where their beats have them at `time_s`."""
         walkers = []
@@ -181,6 +186,10 @@ class RayScene:
         starts = np.cumsum([0, *(len(table) for table in tables[:-1])])
         return starts, np.concatenate(tables)
 
+    @cached_property
+    def _sight_scene(self) -> EmbreeScene:
+        return _build(self._parts, robust=True)
+
     def visible(self, origins: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """(n,) float32 share of light from 0 to 1 that comes through from targets (n, 3) to eyes (n, 3).
 
@@ -207,15 +216,14 @@ class RayScene:
                 light[rays] = 0.0
 
     def _hide_behind_static(self, light, origins, directions, end) -> None:
-        if self._sight is None:
-            self._sight = _build(self._parts, robust=True)
+        scene = self._sight_scene
         opacity = np.array([body.opacity for body in self._static])
         count = len(self._static)
         rays = np.flatnonzero((light > 0.0) & (end > SIGHT_MARGIN))
         start = np.full(len(rays), SIGHT_MARGIN)
         passed = [np.zeros(0, np.int64)]
         while len(rays):
-            answer = self._sight.run(
+            answer = scene.run(
                 (origins[rays] + start[:, None] * directions[rays]).astype(np.float32),
                 directions[rays].astype(np.float32),
                 dists=(end[rays] - start).astype(np.float32),
@@ -235,7 +243,9 @@ class RayScene:
 
 
 def _face_colours(mesh: trimesh.Trimesh) -> np.ndarray:
-    return np.asarray(mesh.visual.face_colors)[:, :3].astype(np.uint8)
+    visual = mesh.visual
+    assert isinstance(visual, ColorVisuals)  # as scenes.meshes makes them
+    return np.asarray(visual.face_colors)[:, :3].astype(np.uint8)
 
 
 # One device for all scenes of the process: each keeps its own threads otherwise.

@@ -16,6 +16,7 @@ from scenes.rays import RayScene
 from scenes.robot import HUSKY
 from scenes.shading import shade
 
+
 @dataclass(frozen=True)
 class LidarConfig:
     """Velodyne VLP-16: 16 beams from -15° to +15°, 0.9 to 100 m.
@@ -64,8 +65,8 @@ class Lidar:
 
     @cached_property
     def directions(self) -> np.ndarray:
-        """(azimuths × beams, 3) float32 unit vectors in the base frame, from straight ahead counter-clockwise,
-        lowest beam first."""
+        """(azimuths × beams, 3) float32 unit vectors in the base frame, from straight ahead
+        counter-clockwise, lowest beam first."""
         config = self.config
         azimuth, elevation = np.meshgrid(
             np.linspace(0.0, 2.0 * np.pi, config.azimuths, endpoint=False),
@@ -157,14 +158,13 @@ class CameraImage:
         """(n, 3) base-frame points of pixels, by their depth."""
         k = self.intrinsics
         depth = self.depth[rows, columns].astype(float)
-        offsets = np.column_stack(
-            [np.ones(len(depth)), -(columns - k.cx) / k.fx, -(rows - k.cy) / k.fy]
-        )
+        offsets = np.column_stack([np.ones(len(depth)), -(columns - k.cx) / k.fx, -(rows - k.cy) / k.fy])
         return self.pose.to_world(depth[:, None] * offsets)
 
 
 class SemanticCamera:
-    """A camera that also knows what each pixel belongs to: it stands for a segmentation network without error."""
+    """A camera that also knows what each pixel belongs to: it stands for a segmentation network that does
+    not err."""
 
     def __init__(self, config: CameraConfig | None = None):
         self.config = config or CameraConfig()
@@ -220,7 +220,7 @@ class OdometryConfig:
     """Standard deviations; all zero by default: the robot knows its pose.
 
     drift : metres of position error gathered per square root of a metre driven
-    yaw_drift : radians per square root of a radian turned, and a tenth of it per square root of a metre driven
+    yaw_drift : radians per square root of a radian turned, and a tenth of it per square root of a metre
     position_noise, yaw_noise : metres and radians, anew at every measurement
     speed_noise, yaw_rate_noise : m/s and rad/s, anew at every measurement
     """

@@ -1,4 +1,4 @@
-"""From ray hits to pixels: depth, surface class and colour under Lambert's law, in one pass over the image."""
+"""From ray hits to pixels: surface class and colour under Lambert's law, in one pass over the image."""
 
 from __future__ import annotations
 

@@ -16,7 +16,11 @@ def _underside() -> np.ndarray:
     """(n, 3) base-frame points of what may rest on the ground: the wheels' lower rims and the belly."""
     angles = np.linspace(-1.2, 1.2, 9)
     points = [
-        (sx * AXLE_X + WHEEL_RADIUS * math.sin(angle), sy * AXLE_Y + side, WHEEL_RADIUS * (1.0 - math.cos(angle)))
+        (
+            sx * AXLE_X + WHEEL_RADIUS * math.sin(angle),
+            sy * AXLE_Y + side,
+            WHEEL_RADIUS * (1.0 - math.cos(angle)),
+        )
         for sx in (-1, 1)
         for sy in (-1, 1)
         for angle in angles
