@@ -22,7 +22,7 @@ class Family(StrEnum):
 
 
 class GeneratedSource(Document):
-    """Made by `scenes.families` from a seed."""
+    """One of the paper's terrains, grown from a seed by `scenes.landscape` and perhaps edited since."""
 
     kind: Literal["generated"] = "generated"
     family: Family
