@@ -5,42 +5,51 @@ World frame, metres, seconds, radians. The only module that knows pybullet.
 
 from __future__ import annotations
 
+import ctypes
+import importlib
 import math
-import tempfile
+import os
+import sys
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pybullet as bullet
 
+from scenes.bodies import add_cover, add_ground, add_husky, add_obstacle, add_walls
 from scenes.drive import DriveState, clipped, drive
-from scenes.husky import MASS_CENTRE, WHEELS, driving_urdf
-from scenes.meshes import CollisionBox, collision_shapes, cover_mesh, cover_pose
+from scenes.husky import MASS_CENTRE
 from scenes.pose import Pose, Twist
 from scenes.robot import HUSKY
-from scenes.scenario import CoverObject, MovingObstacle, ObstacleKind, Start
+from scenes.scenario import CoverObject, MovingObstacle, Start
 from scenes.stance import standing_pose
 from scenes.terrain import Heightmap
+
+
+def _import_pybullet():
+    """pybullet greets on standard output when it is loaded, which belongs to our own documents."""
+    sys.stdout.flush()
+    keep = os.dup(1)
+    sink = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(sink, 1)
+        module = importlib.import_module("pybullet")
+        ctypes.CDLL(None).fflush(None)
+    finally:
+        os.dup2(keep, 1)
+        os.close(keep)
+        os.close(sink)
+    return module
+
+
+bullet = _import_pybullet()
 
 STEP_S = 1.0 / 240.0
 WHEEL_TORQUE = 30.0
 """N·m that one wheel can bring to bear: enough to slide all four, as the real drive can."""
 
-GROUND_FRICTION = 0.9
-"""Rubber on dry earth, so that the Husky holds and climbs 22°."""
-
-SIDEWAYS_GRIP = 0.5
-"""A tyre's grip across, as a share of that along. With equal grip the wheels stick and slip by turns and the
-robot turns in jerks of ±0.5 rad/s; with less than 0.4 it slides down a slope of 20° that it crosses."""
-
-COVER_FRICTION = 0.4
-"""Less than ground, so that wheels do not climb walls."""
-
-WALL_HEIGHT, WALL_THICKNESS = 4.0, 4.0
 SETTLING_STEPS = 60
 OBSTACLE_STEPS = 4  # moving obstacles are put where their beats have them at 60 Hz
 RAY_BATCH = 8192  # rayTestBatch answers one ray too few for exactly 16,384
@@ -123,9 +132,9 @@ class World:
             deterministicOverlappingPairs=1,
             enableConeFriction=0,  # with it, friction of a turning wheel depends on its heading
         )
-        self._ground = self._add_ground()
-        self._add_walls()
-        self._robot = self._add_robot()
+        self._ground = add_ground(self._bullet, heightmap)
+        add_walls(self._bullet, heightmap)
+        self._robot, self._wheels = add_husky(self._bullet)
         self.set_cover(cover)
         self.set_obstacles(obstacles)
         start = start or Start(x=0.0, y=0.0)
@@ -145,26 +154,26 @@ class World:
 
     @property
     def time_s(self) -> float:
-        """Simulated seconds since the world was made."""
+        """Simulated seconds."""
         return self._steps * STEP_S
 
     @property
     def pose(self) -> Pose:
         """The true `pose_world_base`, base frame as in `scenes.robot`."""
         centre, quaternion = self._centre_pose()
-        rotation = np.array(bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
+        rotation = np.array(self._bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
         return Pose.from_quaternion(np.asarray(centre) - rotation @ MASS_CENTRE, quaternion)
 
     @property
     def twist(self) -> Twist:
         """True forward speed of the base and its rate of turn about the body's up axis."""
         _, quaternion = self._centre_pose()
-        return self._twist(bullet.getMatrixFromQuaternion(quaternion))
+        return self._twist(self._bullet.getMatrixFromQuaternion(quaternion))
 
     @property
     def up(self) -> float:
         """The z part of the body's up axis: 1 upright, negative on its back."""
-        return bullet.getMatrixFromQuaternion(self._centre_pose()[1])[8]
+        return self._bullet.getMatrixFromQuaternion(self._centre_pose()[1])[8]
 
     @property
     def wheel_angles(self) -> tuple[float, float, float, float]:
@@ -220,7 +229,7 @@ class World:
         self._steps += 1
 
     def _turn_wheels(self, command: Twist) -> None:
-        matrix = bullet.getMatrixFromQuaternion(self._centre_pose()[1])
+        matrix = self._bullet.getMatrixFromQuaternion(self._centre_pose()[1])
         self._drive, left, right = drive(self._drive, command, self._twist(matrix), STEP_S)
         self._bullet.setJointMotorControlArray(
             self._robot,
@@ -290,17 +299,16 @@ class World:
             if wanted.get(key) != thing:
                 self._bullet.removeBody(body)
                 del self._cover[key]
-        kept = self._cover
-        self._cover = {
-            key: kept[key] if key in kept else (thing, self._add_cover(thing))
-            for key, thing in wanted.items()
-        }
+        for key, thing in wanted.items():
+            if key not in self._cover:
+                body = add_cover(self._bullet, self.heightmap, thing, mesh=self._cover_meshes)
+                self._cover[key] = thing, body
 
     def set_obstacles(self, obstacles: Sequence[MovingObstacle]) -> None:
         """Replace the moving obstacles; they go on with their beats at the world's time."""
         for _, body in self._obstacles:
             self._bullet.removeBody(body)
-        self._obstacles = tuple((thing, self._add_obstacle(thing)) for thing in obstacles)
+        self._obstacles = tuple((thing, add_obstacle(self._bullet, thing)) for thing in obstacles)
         self._move_obstacles()
 
     def _move_obstacles(self) -> None:
@@ -310,96 +318,6 @@ class World:
             self._bullet.resetBasePositionAndOrientation(
                 body, (x, y, z), (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
             )
-
-    def _add_ground(self) -> int:
-        heights = self.heightmap.heights.astype(np.float32)
-        rows, columns = heights.shape
-        spacing = self.heightmap.resolution
-        shape = self._bullet.createCollisionShape(
-            self._bullet.GEOM_HEIGHTFIELD,
-            meshScale=(spacing, spacing, 1.0),
-            heightfieldData=heights.ravel().tolist(),
-            numHeightfieldRows=columns,  # Bullet's rows are samples along x
-            numHeightfieldColumns=rows,
-            # Without it, tyres that slide sideways jam on the edges between coplanar triangles.
-            flags=self._bullet.GEOM_CONCAVE_INTERNAL_EDGE,
-        )
-        # Bullet centres a height field on the middle of its range.
-        middle = 0.5 * (float(heights.min()) + float(heights.max()))
-        return self._add_body(shape, (0.0, 0.0, middle), friction=GROUND_FRICTION)
-
-    def _add_walls(self) -> None:
-        """Walls around the outermost samples, over which nothing drives."""
-        west, east, south, north = self.heightmap.bounds
-        heights = self.heightmap.heights
-        half_height = 0.5 * (float(np.ptp(heights)) + WALL_HEIGHT) + 1.0
-        middle = 0.5 * float(heights.min() + heights.max() + WALL_HEIGHT)
-        half = 0.5 * WALL_THICKNESS
-        along_x = (0.5 * (east - west) + WALL_THICKNESS, half, half_height)
-        along_y = (half, 0.5 * (north - south) + WALL_THICKNESS, half_height)
-        for extents, x, y in (
-            (along_x, 0.0, south - half),
-            (along_x, 0.0, north + half),
-            (along_y, west - half, 0.0),
-            (along_y, east + half, 0.0),
-        ):
-            self._add_body(self._box(extents), (x, y, middle), friction=0.0)
-
-    def _add_robot(self) -> int:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "husky.urdf"
-            path.write_text(driving_urdf(), "utf-8")
-            robot = self._bullet.loadURDF(str(path), flags=self._bullet.URDF_USE_IMPLICIT_CYLINDER)
-        joints = {
-            self._bullet.getJointInfo(robot, index)[1].decode(): index
-            for index in range(self._bullet.getNumJoints(robot))
-        }
-        self._wheels = [joints[wheel] for wheel in WHEELS]
-        for wheel in self._wheels:
-            self._bullet.changeDynamics(robot, wheel, anisotropicFriction=(1.0, SIDEWAYS_GRIP, 1.0))
-        return robot
-
-    def _add_cover(self, thing: CoverObject) -> int:
-        pose = cover_pose(self.heightmap, thing)
-        shape = self._mesh(cover_mesh(thing)) if self._cover_meshes else self._shapes(thing)
-        return self._add_body(shape, pose.position, pose.quaternion)
-
-    def _add_obstacle(self, thing: MovingObstacle) -> int:
-        length, width, height = thing.size
-        if thing.kind is ObstacleKind.PERSON:
-            shape = self._bullet.createCollisionShape(
-                self._bullet.GEOM_CYLINDER, radius=0.5 * length, height=height
-            )
-        else:
-            shape = self._box((0.5 * length, 0.5 * width, 0.5 * height))
-        return self._add_body(shape, (0.0, 0.0, 0.0))
-
-    def _add_body(self, shape, position, orientation=(0.0, 0.0, 0.0, 1.0), friction=COVER_FRICTION) -> int:
-        body = self._bullet.createMultiBody(0.0, shape, basePosition=position, baseOrientation=orientation)
-        self._bullet.changeDynamics(body, -1, lateralFriction=friction)
-        return body
-
-    def _box(self, half_extents) -> int:
-        return self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half_extents)
-
-    def _shapes(self, thing: CoverObject) -> int:
-        shapes = collision_shapes(thing)
-        boxes = [isinstance(shape, CollisionBox) for shape in shapes]
-        return self._bullet.createCollisionShapeArray(
-            shapeTypes=[self._bullet.GEOM_BOX if box else self._bullet.GEOM_CYLINDER for box in boxes],
-            halfExtents=[s.half_extents if isinstance(s, CollisionBox) else (0, 0, 0) for s in shapes],
-            radii=[0.0 if isinstance(s, CollisionBox) else s.radius for s in shapes],
-            lengths=[0.0 if isinstance(s, CollisionBox) else s.height for s in shapes],
-            collisionFramePositions=[s.center for s in shapes],
-        )
-
-    def _mesh(self, mesh) -> int:
-        return self._bullet.createCollisionShape(
-            self._bullet.GEOM_MESH,
-            vertices=mesh.vertices.tolist(),
-            indices=mesh.faces.ravel().tolist(),
-            flags=self._bullet.GEOM_FORCE_CONCAVE_TRIMESH,
-        )
 
     # --- Bullet's own eyes, for comparison with `scenes.rays` and `scenes.sensors` -----------------
 
@@ -432,8 +350,8 @@ class World:
         _, _, _, buffer, segments = self._bullet.getCameraImage(
             width,
             height,
-            viewMatrix=bullet.computeViewMatrix(eye, eye + rotation[:, 0], rotation[:, 2]),
-            projectionMatrix=bullet.computeProjectionMatrixFOV(
+            viewMatrix=self._bullet.computeViewMatrix(eye, eye + rotation[:, 0], rotation[:, 2]),
+            projectionMatrix=self._bullet.computeProjectionMatrixFOV(
                 math.degrees(fov_vertical), width / height, near, max_range
             ),
             shadow=0,
