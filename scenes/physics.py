@@ -5,7 +5,6 @@ World frame, metres, seconds, radians. The only module that knows pybullet.
 
 from __future__ import annotations
 
-import ctypes
 import importlib
 import math
 import os
@@ -29,19 +28,17 @@ from scenes.terrain import Heightmap
 
 
 def _import_pybullet():
-    """pybullet greets on standard output when it is loaded, which belongs to our own documents."""
-    sys.stdout.flush()
-    keep = os.dup(1)
+    """pybullet greets on standard error when it is loaded, where our refusals are one line."""
+    sys.stderr.flush()
+    keep = os.dup(2)
     sink = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(sink, 1)
-        module = importlib.import_module("pybullet")
-        ctypes.CDLL(None).fflush(None)
+        os.dup2(sink, 2)
+        return importlib.import_module("pybullet")
     finally:
-        os.dup2(keep, 1)
+        os.dup2(keep, 2)
         os.close(keep)
         os.close(sink)
-    return module
 
 
 bullet = _import_pybullet()
@@ -303,6 +300,7 @@ class World:
             if key not in self._cover:
                 body = add_cover(self._bullet, self.heightmap, thing, mesh=self._cover_meshes)
                 self._cover[key] = thing, body
+        self._cover = {key: self._cover[key] for key in wanted}  # in the order of labels
 
     def set_obstacles(self, obstacles: Sequence[MovingObstacle]) -> None:
         """Replace the moving obstacles; they go on with their beats at the world's time."""
