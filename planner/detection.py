@@ -8,11 +8,10 @@ here boxes are sorted, 0.85 means something, and positions are in the world.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import find_objects
 
 from planner.frames import Detection
 from scenes.catalogue import CATALOGUE, CoverKind
@@ -22,7 +21,7 @@ from scenes.robot import HUSKY
 from scenes.sensors import CameraImage
 
 MIN_PIXELS = 12
-SAMPLES = 400  # pixels of a mask that its position is taken from, at most
+SAMPLES = 200  # pixels of a mask that its position is taken from, at most
 
 _KINDS = {entry.class_id: entry.kind for entry in CATALOGUE.values()}
 
@@ -55,14 +54,8 @@ def sight(
     half of what its class usually is), for only its near face is seen; z is at its foot.
     Each object that is judged draws twice from `rng`, whether it is missed or not.
     """
-    sightings = []
-    for index, box in enumerate(find_objects(image.body + 1)):
-        if box is None or bodies[index].kind is not BodyKind.COVER:
-            continue
-        sighting = _sighting(image, bodies[index], box, pose_world_base, frame_id, rng)
-        if sighting is not None:
-            sightings.append(sighting)
-    return tuple(sightings)
+    found = (_sighting(image, body, pixels, pose_world_base, frame_id, rng) for body, pixels in _masks(image, bodies))
+    return tuple(sighting for sighting in found if sighting is not None)
 
 
 def looked_through(
@@ -83,49 +76,65 @@ def looked_through(
     return tuple(gone)
 
 
-def _sighting(image, body: Body, box, pose_world_base: Pose, frame_id: int, rng) -> Sighting | None:
-    rows, cols = np.nonzero((image.body[box] == body.index) & np.isfinite(image.depth[box]))
-    if len(rows) < MIN_PIXELS:
-        return None
-    rows, cols = rows + box[0].start, cols + box[1].start
-    stride = -(-len(rows) // SAMPLES)
-    points = pose_world_base.to_world(image.points_body(rows[::stride], cols[::stride]))
+def _masks(image: CameraImage, bodies: Sequence[Body]) -> Iterator[tuple[Body, np.ndarray]]:
+    """Each cover object in the image with its pixels, as ascending indices into the flattened image."""
+    cover = np.array([*(body.kind is BodyKind.COVER for body in bodies), False])
+    labels = image.body.ravel()
+    pixels = np.flatnonzero(cover[labels])
+    order = np.argsort(labels[pixels].astype(np.uint16), kind="stable")
+    pixels = pixels[order]
+    borders = np.flatnonzero(np.diff(labels[pixels])) + 1
+    for mask in np.split(pixels, borders):
+        if len(mask) >= MIN_PIXELS:
+            yield bodies[labels[mask[0]]], mask
+
+
+def _sighting(
+    image: CameraImage, body: Body, pixels: np.ndarray, pose: Pose, frame_id: int, rng: np.random.Generator
+) -> Sighting | None:
+    rows, cols = np.divmod(pixels, image.intrinsics.width)
+    x_min, x_max, y_min, y_max = int(cols.min()), int(cols.max()), int(rows[0]), int(rows[-1])
+    sample = slice(None, None, -(-len(pixels) // SAMPLES))
+    rows, cols = rows[sample], cols[sample]
     depth = float(np.median(image.depth[rows, cols]))
-    x_min, x_max, y_min, y_max = cols.min(), cols.max(), rows.min(), rows.max()
     width = (x_max - x_min + 1) * depth / image.intrinsics.fx
     height = (y_max - y_min + 1) * depth / image.intrinsics.fy
-    image_height, image_width = image.body.shape
-    cut_wide, cut_high = x_min == 0 or x_max == image_width - 1, y_min == 0 or y_max == image_height - 1
-    kind = _KINDS[body.class_id]
+    cut_wide = x_min == 0 or x_max == image.intrinsics.width - 1
+    cut_high = y_min == 0 or y_max == image.intrinsics.height - 1
     # What the image's edge cuts off may be large: a cut side is not held against the object.
-    if not CATALOGUE[kind].conceals(
-        HUSKY.width if cut_wide else width, HUSKY.height if cut_high else height, HUSKY.width, HUSKY.height
-    ):
+    least_width, least_height = HUSKY.width * cut_wide, HUSKY.height * cut_high
+    kind = _KINDS[body.class_id]
+    if not CATALOGUE[kind].conceals(max(width, least_width), max(height, least_height), HUSKY.width, HUSKY.height):
         return None
-    hidden = _hidden_share(image, body.index, box, depth)
-    confidence = _confidence(depth, len(rows), cut_wide + cut_high, hidden, rng)
+    box = _thinned(y_min, y_max), _thinned(x_min, x_max)
+    hidden = float(np.mean((image.body[box] != body.index) & (image.depth[box] < depth - 0.5)))
+    confidence = _confidence(depth, len(pixels), cut_wide + cut_high, hidden, rng)
     if confidence is None:
         return None
-    x, y, z = _position(points, kind, width, pose_world_base.compose(image.pose))
+    x, y, z = _position(pose.to_world(image.points_body(rows, cols)), kind, width, pose.position)
+    corners = tuple((float(u), float(v)) for u in (x_min, x_max) for v in (y_min, y_max))
     detection = Detection(
         frame_id, body.class_id, body.class_name, confidence,
-        float(x_min), float(y_min), float(x_max), float(y_max), body.id, x, y, z,
-        tuple((float(u), float(v)) for u in (x_min, x_max) for v in (y_min, y_max)),
+        float(x_min), float(y_min), float(x_max), float(y_max), body.id, x, y, z, corners,
     )
-    return Sighting(detection, kind, float(width), float(height))
+    return Sighting(detection, kind, width, height)
 
 
-def _position(world: np.ndarray, kind: CoverKind, width: float, pose_world_camera: Pose) -> tuple[float, ...]:
-    middle = np.median(world[:, :2], axis=0)
-    view = middle - pose_world_camera.position[:2]
+def _thinned(first: int, last: int) -> slice:
+    """About twenty of the pixels from first to last."""
+    return slice(first, last + 1, max((last - first) // 20, 1))
+
+
+def _position(
+    points: np.ndarray, kind: CoverKind, width: float, robot: np.ndarray
+) -> tuple[float, float, float]:
+    """Where an object is whose near face shows world `points` (n, 3) to a robot at (3,)."""
+    middle = np.median(points[:, :2], axis=0)
+    view = middle - robot[:2]
     behind = 0.5 * min(width, CATALOGUE[kind].width.usual)
     middle = middle + behind * view / max(float(np.hypot(*view)), 1e-6)
-    return float(middle[0]), float(middle[1]), float(np.percentile(world[:, 2], 5))
-
-
-def _hidden_share(image: CameraImage, index: int, box, depth: float) -> float:
-    """Share of the mask's box that nearer things take."""
-    return float(np.mean((image.body[box] != index) & (image.depth[box] < depth - 0.5)))
+    foot = np.sort(points[:, 2])[len(points) // 20]
+    return float(middle[0]), float(middle[1]), float(foot)
 
 
 def _confidence(depth: float, pixels: int, cuts: int, hidden: float, rng: np.random.Generator) -> float | None:

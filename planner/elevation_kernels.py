@@ -29,6 +29,7 @@ MAX_GAIN, SEEN_THROUGH, MAX_EVIDENCE = 4.0, 2.0, 20.0  # one for a return, four 
 BLOCKS = 2.0  # evidence from which on something blocks
 MAX_WET = 10.0
 PASSED_BELOW = 0.15  # metres: more than a steep slope does within half a cell
+GROUND_TURNS = 5
 NEIGHBOURHOOD = 5  # cells: how far the ground below a standing thing may be looked for
 FILL_SLOPE = 0.1  # what the ground may do inside a filled gap, as a standard deviation
 
@@ -109,15 +110,18 @@ def clear_seen_through(
     A beam looks through a cell when it passes the cell's middle at a height where something was seen to
     stand and returns from farther away, or from the ground right behind. A beam that does not return says
     nothing, and one return from the cell that is not from the ground says that something is still there.
-    Ground is forgotten where a beam passed `PASSED_BELOW` under it.
+    Ground is forgotten where a beam passed `PASSED_BELOW` under it; each turn asks that of every
+    `GROUND_TURNS`th row.
     elevations : (beams,) radians; origin (3,) and rotation (3, 3) of the sensor in the world
     """
     rows, cols, _ = cells.shape
+    reach = np.hypot(points[:, :, 0] - origin[0], points[:, :, 1] - origin[1])
     for row in range(rows):
+        asked = (row + int(turn)) % GROUND_TURNS == 0
         for col in range(cols):
             cell = cells[row, col]
             judged = cell[EVIDENCE] > 0.0 and cell[TURN] != turn
-            if not judged and cell[WEIGHT] == 0.0:
+            if not judged and (cell[WEIGHT] == 0.0 or not asked):
                 continue
             east = x_min + col * resolution - origin[0]
             north = y_min + row * resolution - origin[1]
@@ -125,27 +129,25 @@ def clear_seen_through(
                 continue
             if judged:
                 low, high = cell[FOOT] - 0.05 - origin[2], cell[TOP] + 0.05 - origin[2]
-                seen, past = _look(points, labels, elevations, origin, rotation, east, north, low, high, resolution)
+                seen, past = _look(reach, labels, elevations, rotation, east, north, low, high, resolution)
                 if seen:
                     cell[TURN] = turn
                 elif past:
                     cell[EVIDENCE] = max(cell[EVIDENCE] - SEEN_THROUGH, 0.0)
-            if cell[WEIGHT] > 0.0:
+            if asked and cell[WEIGHT] > 0.0:
                 high = cell[MEAN] - PASSED_BELOW - origin[2]
-                _, past = _look(
-                    points, labels, elevations, origin, rotation, east, north, -np.inf, high, resolution
-                )
+                _, past = _look(reach, labels, elevations, rotation, east, north, -np.inf, high, resolution)
                 if past:
                     cell[WEIGHT] = 0.0
                     cell[LOWEST] = cell[HIGHEST] = np.nan
 
 
 @numba.njit(cache=True)
-def _look(points, labels, elevations, origin, rotation, east, north, low, high, resolution):
+def _look(reach, labels, elevations, rotation, east, north, low, high, resolution):
     """What the beams show that pass the middle of the cell at (east, north) from the sensor, between `low`
     and `high` over it: whether one returned from the cell, not from the ground, and whether one went past."""
     distance = math.hypot(east, north)
-    step = 2.0 * math.pi / points.shape[0]
+    step = 2.0 * math.pi / reach.shape[0]
     azimuth, highest = _direction(east, north, high, rotation)
     lowest = -np.inf if low == -np.inf else _direction(east, north, low, rotation)[1]
     middle, aside = int(np.rint(azimuth / step)), int(0.25 * resolution / distance / step)
@@ -154,9 +156,9 @@ def _look(points, labels, elevations, origin, rotation, east, north, low, high, 
         if elevations[i] < lowest or elevations[i] > highest:
             continue
         for c in range(middle - aside, middle + aside + 1):
-            point = points[c % points.shape[0], i]
-            beyond = math.hypot(point[0] - origin[0], point[1] - origin[1]) - distance
-            if abs(beyond) <= resolution and labels[c % points.shape[0], i] != GROUND:
+            column = c % reach.shape[0]
+            beyond = reach[column, i] - distance
+            if abs(beyond) <= resolution and labels[column, i] != GROUND:
                 seen = True
             elif beyond > 0.0:
                 past = True
@@ -170,6 +172,21 @@ def _direction(east, north, up, rotation):
     y = rotation[0, 1] * east + rotation[1, 1] * north + rotation[2, 1] * up
     z = rotation[0, 2] * east + rotation[1, 2] * north + rotation[2, 2] * up
     return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
+
+
+@numba.njit(cache=True)
+def measured_ground(cells):
+    """(rows, cols) ground height and its variance: the spread of what was measured and the uncertainty of
+    its mean; NaN where nothing was."""
+    rows, cols, _ = cells.shape
+    height, variance = np.full((rows, cols), np.nan), np.full((rows, cols), np.nan)
+    for row in range(rows):
+        for col in range(cols):
+            weight = cells[row, col, WEIGHT]
+            if weight > 0.0:
+                height[row, col] = cells[row, col, MEAN]
+                variance[row, col] = (cells[row, col, SPREAD] + 1.0) / weight
+    return height, variance
 
 
 @numba.njit(cache=True)
@@ -221,14 +238,15 @@ def _to_known(elevation, row, col, dr, dc, reach):
 def standing_things(cells, elevation, clearance, step):
     """What stands and what hangs over the ground `elevation` (rows, cols; NaN unknown).
 
-    Returns (rows, cols) bool, where something higher than `step` reaches lower than `clearance`, and
-    (rows, cols) float64 the clearance under what hangs there, inf where nothing does.
+    Returns (rows, cols) bool, where something higher than `step` reaches lower than `clearance` or where
+    there is water, and (rows, cols) float64 the clearance under what hangs there, inf where nothing does.
     """
     rows, cols = elevation.shape
     blocked = np.zeros((rows, cols), np.bool_)
     overhang = np.full((rows, cols), np.inf)
     for row in range(rows):
         for col in range(cols):
+            blocked[row, col] = cells[row, col, WATER] > 0.0
             stands = cells[row, col, EVIDENCE] >= BLOCKS
             hang = cells[row, col, HANG]
             if not stands and hang == np.inf:
@@ -247,16 +265,21 @@ def standing_things(cells, elevation, clearance, step):
 
 @numba.njit(cache=True)
 def _nearest_ground(elevation, row, col):
+    """Known height nearest to a cell, the first in row order among equally near ones; NaN if none is near."""
     rows, cols = elevation.shape
-    if not np.isnan(elevation[row, col]):
-        return elevation[row, col]
-    best, height = np.inf, np.nan
-    for r in range(max(row - NEIGHBOURHOOD, 0), min(row + NEIGHBOURHOOD + 1, rows)):
-        for c in range(max(col - NEIGHBOURHOOD, 0), min(col + NEIGHBOURHOOD + 1, cols)):
-            distance = (r - row) ** 2 + (c - col) ** 2
-            if distance < best and not np.isnan(elevation[r, c]):
-                best, height = distance, elevation[r, c]
-    return height
+    best, best_row, best_col = (NEIGHBOURHOOD + 1) ** 2 * 2, -1, -1
+    for ring in range(NEIGHBOURHOOD + 1):
+        if ring * ring > best:
+            break
+        for r in range(max(row - ring, 0), min(row + ring + 1, rows)):
+            stride = 1 if abs(r - row) == ring else max(2 * ring, 1)
+            for c in range(col - ring, col + ring + 1, stride):
+                if c < 0 or c >= cols or np.isnan(elevation[r, c]):
+                    continue
+                distance = (r - row) ** 2 + (c - col) ** 2
+                if distance < best or (distance == best and (r, c) < (best_row, best_col)):
+                    best, best_row, best_col = distance, r, c
+    return np.nan if best_row < 0 else elevation[best_row, best_col]
 
 
 @numba.njit(cache=True)

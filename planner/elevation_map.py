@@ -7,6 +7,7 @@ about the robot, so that rolling the window moves numbers and changes none.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,15 +125,16 @@ class ElevationMap:
         up = pose.rotation[:, 2]
         if up[2] < math.cos(2.0 * HUSKY.max_slope):
             return
-        x, y = self._centres()
-        dx, dy = x - pose.x, y - pose.y
-        along = np.abs(math.cos(pose.yaw) * dx + math.sin(pose.yaw) * dy)
-        across = np.abs(-math.sin(pose.yaw) * dx + math.cos(pose.yaw) * dy)
-        under = (along <= 0.5 * HUSKY.length) & (across <= 0.5 * HUSKY.width)
         weight = 1.0 / self.config.contact_sigma**2
-        for row, col in np.argwhere(under):
+        for row, col in self._cells_near(pose.x, pose.y, HUSKY.circumscribed_radius):
+            dx = self.x_min + col * self.config.resolution - pose.x
+            dy = self.y_min + row * self.config.resolution - pose.y
+            along = math.cos(pose.yaw) * dx + math.sin(pose.yaw) * dy
+            across = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
+            if abs(along) > 0.5 * HUSKY.length or abs(across) > 0.5 * HUSKY.width:
+                continue
             cell = self._cells[row, col]
-            kernels.add_ground(cell, pose.z - (up[0] * dx[row, col] + up[1] * dy[row, col]) / up[2], weight)
+            kernels.add_ground(cell, pose.z - (up[0] * dx + up[1] * dy) / up[2], weight)
             cell[kernels.EVIDENCE] = 0.0
 
     def add_scan(self, scan: Scan, pose_world_base: Pose) -> None:
@@ -154,10 +156,7 @@ class ElevationMap:
 
     def grid(self) -> GridMap:
         """The map as planners read it: small gaps filled, obstacles judged over the ground as now known."""
-        weight = self._cells[:, :, kernels.WEIGHT]
-        known = weight > 0.0
-        mean = np.where(known, self._cells[:, :, kernels.MEAN], np.nan)
-        spread = np.divide(self._cells[:, :, kernels.SPREAD] + 1.0, weight, out=np.full_like(mean, np.nan), where=known)
+        mean, spread = kernels.measured_ground(self._cells)
         elevation, variance = kernels.fill_gaps(mean, spread, self.config.resolution, self.config.max_gap)
         blocked, overhang = kernels.standing_things(
             self._cells, elevation, self.config.clearance, self.config.max_step
@@ -168,7 +167,7 @@ class ElevationMap:
             self.config.resolution,
             elevation.astype(np.float32),
             variance.astype(np.float32),
-            blocked | step_cells(mean, self.config) | (self._cells[:, :, kernels.WATER] > 0.0),
+            blocked | step_cells(mean, self.config),
             overhang.astype(np.float32),
         )
 
@@ -181,9 +180,14 @@ class ElevationMap:
         """Lowest and highest return from the ground of each cell, (rows, cols) metres, NaN where none was."""
         return self._cells[:, :, kernels.LOWEST].copy(), self._cells[:, :, kernels.HIGHEST].copy()
 
-    def _centres(self) -> tuple[np.ndarray, np.ndarray]:
-        along = np.arange(self.config.cells) * self.config.resolution
-        return np.meshgrid(self.x_min + along, self.y_min + along)
+    def _cells_near(self, x: float, y: float, radius: float) -> Iterator[tuple[int, int]]:
+        reach = math.ceil(radius / self.config.resolution)
+        row, col = round((y - self.y_min) / self.config.resolution), round((x - self.x_min) / self.config.resolution)
+        size = range(self.config.cells)
+        for r in range(row - reach, row + reach + 1):
+            for c in range(col - reach, col + reach + 1):
+                if r in size and c in size:
+                    yield r, c
 
 
 def _overlap(shift: int, size: int) -> tuple[slice, slice]:

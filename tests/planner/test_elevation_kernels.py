@@ -106,7 +106,8 @@ def plain_clear(cells, points, labels, elevations, origin, x_min, y_min, resolut
         cell = cells[row, col]
         offset = np.array([x_min + col * resolution - origin[0], y_min + row * resolution - origin[1]])
         judged = cell[ek.EVIDENCE] > 0 and cell[ek.TURN] != turn
-        if np.hypot(*offset) < resolution or not (judged or cell[ek.WEIGHT] > 0):
+        asked = (row + turn) % ek.GROUND_TURNS == 0
+        if np.hypot(*offset) < resolution or not (judged or (asked and cell[ek.WEIGHT] > 0)):
             continue
         look = (points, labels, elevations, origin, offset)
         if judged:
@@ -116,7 +117,7 @@ def plain_clear(cells, points, labels, elevations, origin, x_min, y_min, resolut
                 cell[ek.TURN] = turn
             elif past:
                 cell[ek.EVIDENCE] = max(cell[ek.EVIDENCE] - ek.SEEN_THROUGH, 0)
-        if plain_look(*look, -np.inf, cell[ek.MEAN] - ek.PASSED_BELOW - origin[2], resolution)[1]:
+        if asked and plain_look(*look, -np.inf, cell[ek.MEAN] - ek.PASSED_BELOW - origin[2], resolution)[1]:
             cell[ek.WEIGHT], cell[[ek.LOWEST, ek.HIGHEST]] = 0.0, np.nan
     return cells
 
@@ -142,6 +143,19 @@ def test_clearing_follows_its_plain_twin(seed):
     plain = plain_clear(cells, points, labels, elevations, origin, 0.0, 0.0, 0.5, 3.0)
     ek.clear_seen_through(cells, points, labels, elevations, origin, np.eye(3), 0.0, 0.0, 0.5, 3.0)
     np.testing.assert_array_equal(cells, plain)
+
+
+@given(seeds)
+def test_measured_ground_follows_its_plain_twin(seed):
+    rng = np.random.default_rng(seed)
+    cells = empty()
+    cells[:, :, [ek.MEAN, ek.SPREAD, ek.WEIGHT]] = rng.random((6, 7, 3)) * rng.integers(0, 2, (6, 7, 1))
+    height, variance = ek.measured_ground(cells)
+    known = cells[:, :, ek.WEIGHT] > 0
+    np.testing.assert_array_equal(height, np.where(known, cells[:, :, ek.MEAN], np.nan))
+    spread, weight = cells[known][:, [ek.SPREAD, ek.WEIGHT]].T
+    np.testing.assert_allclose(variance[known], spread / weight + 1 / weight, rtol=1e-12)
+    assert np.isnan(variance[~known]).all()
 
 
 def plain_fill(elevation, variance, resolution, max_gap):
@@ -184,6 +198,7 @@ def plain_standing(cells, elevation, clearance, step):
     for row, col in np.ndindex(elevation.shape):
         cell = cells[row, col]
         stands, hang = cell[ek.EVIDENCE] >= ek.BLOCKS, cell[ek.HANG]
+        blocked[row, col] = cell[ek.WATER] > 0
         if not stands and np.isinf(hang):
             continue
         near = [
@@ -193,8 +208,9 @@ def plain_standing(cells, elevation, clearance, step):
         ]
         ground = elevation[min(near)[1:]] if near else cell[ek.BELOW] if stands else hang - clearance
         if stands and cell[ek.TOP] - ground > step:
-            blocked[row, col] = cell[ek.FOOT] - ground < clearance
-            hang = hang if blocked[row, col] else min(hang, cell[ek.FOOT])
+            low = cell[ek.FOOT] - ground < clearance
+            blocked[row, col] |= low
+            hang = hang if low else min(hang, cell[ek.FOOT])
         overhang[row, col] = max(hang - ground, 0.0)
     return blocked, overhang
 
@@ -208,6 +224,7 @@ def test_judging_what_stands_follows_its_plain_twin(seed, unknown):
     cells[:, :, ek.FOOT] = rng.uniform(-0.2, 1.0, shape)
     cells[:, :, ek.TOP] = cells[:, :, ek.FOOT] + rng.uniform(0.0, 1.0, shape)
     cells[:, :, ek.BELOW] = rng.uniform(-0.2, 0.2, shape)
+    cells[:, :, ek.WATER] = rng.integers(-3, 2, shape)
     cells[:, :, ek.HANG] = np.where(rng.random(shape) < 0.5, rng.uniform(0.0, 3.0, shape), np.inf)
     elevation = np.where(rng.random(shape) < unknown, np.nan, rng.uniform(-0.3, 0.3, shape))
     for ours, plain in zip(
