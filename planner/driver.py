@@ -35,6 +35,7 @@ class DriverConfig:
     deceleration : m/s² with which it slows down toward the goal; slowest : m/s it does not fall below before
     patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery begins
     backing, leaving : how far a recovery drives back and away; recovery_limit : longest any of its parts takes
+    corridor : how far a free direction is looked along
     recoveries : in one region, after which the robot is stuck; region : its radius
     """
 
@@ -42,11 +43,12 @@ class DriverConfig:
     deceleration: float = 0.5
     slowest: float = 0.25
     blocked_patience: float = 0.8
-    patience: float = 4.0
+    patience: float = 3.0
     progress: float = 0.3
     backing: float = 0.7
     leaving: float = 1.5
     recovery_limit: float = 5.0
+    corridor: float = 3.0
     region: float = 2.5
     recoveries: int = 10
     dwa: DwaConfig = field(default_factory=DwaConfig)
@@ -93,6 +95,7 @@ class Driver:
         self._blocked_since: float | None = None
         self._trail: deque[tuple[float, float]] = deque(maxlen=60)
         self._direction = 0.0
+        self._tried: list[float] = []
         self._trouble: _Mark | None = None
         self._recoveries = 0
 
@@ -153,7 +156,7 @@ class Driver:
         if self._progress is None:
             self._progress = _Mark.of(percept)
         if self._trouble is not None and self._trouble.distance(percept) > self.config.region:
-            self._trouble, self._recoveries = None, 0
+            self._trouble, self._recoveries, self._tried = None, 0, []
 
     def _moves_on(self, percept: Percept) -> bool:
         mark = self._progress
@@ -185,18 +188,18 @@ class Driver:
         return self._entered is None or percept.time_s - self._entered.time_s > self.config.recovery_limit
 
     def _freest(self, percept: Percept, target: tuple[float, float]) -> float:
-        """World bearing that leads away freely, not far from the target's; repeated attempts look wider."""
-        distances = np.minimum(percept.obstacle_distances, 3.0)
-        count = len(distances)
-        # Free means free over the robot's width as well.
-        spread = [np.roll(distances, shift) for shift in range(-count // 24, count // 24 + 1)]
-        bearings = 2.0 * np.pi * np.arange(count) / count
-        wanted = math.atan2(target[1] - percept.pose.y, target[0] - percept.pose.x) - percept.pose.yaw
-        aside = wrap_angle(bearings - wanted)
-        side = 1.0 if self._recoveries // 2 % 2 else -1.0
-        penalty = 0.8 * np.abs(aside) / (1.0 + 0.3 * self._recoveries) + 0.2 * (aside * side < 0.0)
-        best = int(np.argmax(np.min(spread, axis=0) - penalty))
-        return float(wrap_angle(percept.pose.yaw + bearings[best]))
+        """World bearing along which the robot could go far, not far from the target's, and not tried before."""
+        bearings = 2.0 * np.pi * np.arange(48) / 48.0
+        contact = self.config.dwa.contact_distance
+        free = _corridors(percept, bearings, contact, self.config.corridor)
+        pose = percept.pose
+        aside = np.abs(wrap_angle(bearings - math.atan2(target[1] - pose.y, target[0] - pose.x)))
+        score = free - self.config.corridor * 0.25 * aside
+        for tried in self._tried:
+            score -= 1.5 * np.exp(-((wrap_angle(bearings - tried) / 0.5) ** 2))
+        best = float(bearings[int(np.argmax(score))])
+        self._tried.append(best)
+        return best
 
     def _back_off(self, percept: Percept, around: Surroundings) -> Driven:
         entered = self._entered
@@ -236,12 +239,23 @@ class Driver:
 
     def _leave(self, percept: Percept, around: Surroundings) -> Driven:
         entered = self._entered
-        if entered is not None and entered.distance(percept) < self.config.leaving and not self._spent(percept):
+        gone = 0.0 if entered is None else entered.distance(percept)
+        if gone < self.config.leaving and not self._spent(percept) and self._moves_on(percept):
             rollout = self._arcs(percept, _ahead(percept, self._direction, 1.5), around)
             if rollout.arcs.chosen >= 0:
                 return Driven(_command(rollout.arcs), rollout.arcs, f"leaving a dead end: {self._reason}")
         self._enter(State.DRIVE, percept)
         return Driven(Twist(), None, self._words(percept))
+
+
+def _corridors(percept: Percept, bearings: np.ndarray, half_width: float, reach: float) -> np.ndarray:
+    """(n,) metres that a disc of `half_width` can go along each world bearing before an obstacle point, at most
+    `reach`; points it covers already do not count."""
+    offsets = percept.obstacle_points - (percept.pose.x, percept.pose.y)
+    along = np.cos(bearings)[:, None] * offsets[:, 0] + np.sin(bearings)[:, None] * offsets[:, 1]
+    across = np.cos(bearings)[:, None] * offsets[:, 1] - np.sin(bearings)[:, None] * offsets[:, 0]
+    ahead = (np.abs(across) < half_width) & (along > 0.0)
+    return np.min(np.where(ahead, along, reach), axis=1, initial=reach)
 
 
 def _command(arcs: Arcs) -> Twist:

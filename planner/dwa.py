@@ -69,8 +69,9 @@ class DwaConfig:
     braking, yaw_braking, reaction : what the robot can surely stop with and how late it begins; no braking means
         that an arc must be free over its whole horizon
     creep_speed : at which unknown ground may be entered
-    margin : kept between footprint and obstacles; point_radius : how far from its mapped point an obstacle's
-        surface may be, half a cell of the map
+    margin : kept between footprint and obstacles, `speed_margin` more for each m/s, less only where the robot
+        is nearer already and leaves at no more than `escape_speed`
+    point_radius : how far from its mapped point an obstacle's surface may be, half a cell of the map
     tilt_limit : radians of roll and pitch together, predicted from the map under the wheels
     clearance_reach : obstacles farther than this do not matter
     """
@@ -91,6 +92,8 @@ class DwaConfig:
     reaction: float = 0.2
     creep_speed: float = 0.5
     margin: float = 0.06
+    speed_margin: float = 0.1
+    escape_speed: float = 0.3
     point_radius: float = 0.1
     tilt_limit: float = math.radians(26.0)
     clearance_reach: float = 2.0
@@ -194,7 +197,8 @@ def evaluate(
     paths, heading, nearest, distance, unknown, tilt, free_time, rejection = roll_out(
         v, w, start, np.array(target, float), config.steps, config.dt, config.heading_share,
         np.array([config.braking, config.yaw_braking]), config.reaction, config.creep_speed,
-        np.array(config.footprint.offsets), config.contact_distance, ranked,
+        np.array(config.footprint.offsets), config.contact_distance,
+        config.speed_margin, config.escape_speed, ranked,
         _discs(config, surroundings.moving), ground.elevation.astype(float), ground.forbidden,
         np.array([ground.x_min, ground.y_min, ground.resolution]), _WHEELS, math.tan(config.tilt_limit),
     )  # fmt: skip

@@ -16,7 +16,7 @@ COLLISION, CANNOT_STOP, MOVING_OBSTACLE, SLOPE, TILT, UNKNOWN_GROUND, OFF_THE_MA
 @njit(cache=True)
 def roll_out(
     v, w, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
-    circles, contact, points, moving, elevation, forbidden, origin, wheels, tilt_limit,
+    circles, contact, speed_margin, escape_speed, points, moving, elevation, forbidden, origin, wheels, tilt_limit,
 ):  # fmt: skip
     """Every arc as far as it is free, and why it is not admissible.
 
@@ -24,7 +24,8 @@ def roll_out(
     heading_share : share of a step's turn taken before its translation (0.5: midpoint rule, 1: Euler)
     braking : (2,) m/s² and rad/s² the robot can surely stop with, 0 for "not at all"; reaction : s
     creep_speed : m/s at which unknown ground may be entered
-    circles : (c,) offsets of the footprint's circles along the body axis, all with contact distance `contact`
+    circles : (c,) offsets of the footprint's circles along the body axis, all with contact distance `contact`,
+        and `speed_margin` more for each m/s; up to `escape_speed` a robot that is nearer already may leave
     points : (m, 3) obstacle points x, y and distance from the start, nearest first
     moving : (k, 5) discs x, y, vx, vy, contact distance
     elevation, forbidden : (rows, cols) ground heights (NaN unknown) and untraversable cells, cell [0, 0] at
@@ -43,8 +44,7 @@ def roll_out(
     here = np.array([start[0], start[1], start[2], math.cos(start[2]), math.sin(start[2])])
     reach = np.max(np.abs(circles))
     start_distance = _least_distance(here, circles, points)
-    # Where the robot already touches a margin or stands on bad ground, it may leave but not make it worse.
-    limit = min(contact, start_distance)
+    # Where the robot is in a margin or stands on bad ground, it may leave slowly but not make it worse.
     discs = moving.copy()
     for j in range(moving.shape[0]):
         discs[j, 4] = min(moving[j, 4], _least_distance(here, circles, moving[j : j + 1]))
@@ -54,7 +54,9 @@ def roll_out(
     tilt_limit = max(tilt_limit, tilt_start)
 
     for i in range(n):
-        path = paths[i]
+        path, limit = paths[i], contact + speed_margin * abs(v[i])
+        if abs(v[i]) <= escape_speed:
+            limit = min(limit, start_distance)
         _trace(v[i], w[i], here, dt, heading_share, path)
         hazard, free, unknown_step = 0, steps, steps
         if discs.shape[0] > 0:
