@@ -96,7 +96,7 @@ class Perceiver:
             if body.kind is BodyKind.OBSTACLE and body.id in kinds:
                 seen = locate(body.id, kinds[body.id], world[cloud.body == body.index], sensor.position)
                 sighted += [] if seen is None else [seen]
-        self._map.add_scan(_lidar_scan(cloud, world, _still(rays), sensor, self._lidar.config), estimate)
+        self._map.add_scan(lidar_scan(cloud, world, _still(rays), sensor, self._lidar.config), estimate)
         return self._tracker.update(time_s, sighted)
 
     def _look(self, rays: RayScene, pose: Pose, estimate: Pose) -> None:
@@ -171,7 +171,7 @@ def _still(rays: RayScene) -> np.ndarray:
     return np.array([body.kind is not BodyKind.OBSTACLE for body in rays.bodies] + [False])
 
 
-def _lidar_scan(
+def lidar_scan(
     cloud: PointCloud, world: np.ndarray, still: np.ndarray, sensor: Pose, config: LidarConfig
 ) -> Scan:
     """The cloud in its turn's order, at world points (n, 3), without what moves."""
