@@ -9,8 +9,7 @@ from app.view import palette
 from app.view.glb import Surface, glb
 from app.view.ground import coarsened
 from app.view.nodes import Lines, SwapGlb, draped, polyline, resampled
-from planner.frames import Arcs, CostPatch, Decision, Frame, Percept, Rejection
-from scenes.scenario import Scenario
+from planner.frames import Arcs, CostPatch, Decision, Frame, Rejection
 from scenes.terrain import Heightmap
 
 MAX_ARCS = 110
@@ -20,6 +19,7 @@ COST_PERIOD_S = 0.4
 PATH_STEP = 0.12
 MAX_PATH = 1200
 BRACKET = 0.18
+SMALL = (0.6, 0.6)
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
@@ -219,58 +219,35 @@ class PathLayer:
 
 
 class DetectionsLayer:
-    """Brackets about what the camera has found: bright for the newest image, dim for what is remembered,
-    blue-green for the cover that the method has chosen."""
+    """Brackets about what the camera sees now, and about the cover that the method has chosen."""
 
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
-        self._boxes = Lines(scene, f"{root}/boxes", 0.025)
-        self._cover = Lines(scene, f"{root}/cover", 0.06)
-        self._key: object = None
+        self._seen = Lines(scene, f"{root}/seen", 0.03)
+        self._chosen = Lines(scene, f"{root}/chosen", 0.07)
+        self._drawn: tuple[object, object] | None = None
 
-    def draw(self, frame: Frame, scenario: Scenario) -> None:
+    def draw(self, frame: Frame) -> None:
         percept, decision = frame.percept, frame.decision
         chosen = decision.cover_id if decision is not None else None
-        key = (
-            (id(percept.detections), id(percept.cover), chosen, id(scenario)) if percept is not None else None
-        )
-        if key == self._key:
-            return
-        self._key = key
         if percept is None:
-            self._boxes.hide()
-            self._cover.hide()
-            return
-        boxes, colours, best = _detection_boxes(percept, scenario, chosen)
-        self._boxes.show(boxes.reshape(-1, 2, 3), np.repeat(colours, 3 * len(_CORNERS), axis=0))
-        self._cover.show(best.reshape(-1, 2, 3), palette.CHOSEN_COVER)
-
-
-def _detection_boxes(
-    percept: Percept, scenario: Scenario, chosen: int | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Brackets (n, 24, 2, 3) with their colours (n, 3), and those of the chosen cover (0 or 1, 24, 2, 3)."""
-    fresh = {detection.object_id for detection in percept.detections}
-    boxes, colours, best = [], [], []
-    for cover in percept.cover:
-        box = _brackets((cover.x, cover.y, cover.z), cover.width, cover.height)
-        if cover.object_id == chosen:
-            best.append(box)
-            continue
-        boxes.append(box)
-        colours.append(
-            palette.DETECTION if cover.object_id in fresh else tuple(c // 2 for c in palette.DETECTION)
-        )
-    known = {cover.object_id for cover in percept.cover}
-    for detection in percept.detections:
-        if detection.object_id not in known:
-            boxes.append(_brackets((detection.x_pos, detection.y_pos, detection.z_pos), 0.5, 0.5))
-            colours.append(palette.DETECTION)
-    shape = (-1, 3 * len(_CORNERS), 2, 3)
-    return (
-        np.array(boxes).reshape(shape),
-        np.array(colours, np.uint8).reshape(-1, 3),
-        np.array(best).reshape(shape),
-    )
+            self._seen.hide()
+            self._chosen.hide()
+            self._drawn = None
+        elif self._drawn is None or percept.detections is not self._drawn[0] or chosen != self._drawn[1]:
+            self._drawn = percept.detections, chosen
+            sizes = {cover.object_id: (cover.width, cover.height) for cover in percept.cover}
+            boxes = [
+                _brackets((seen.x_pos, seen.y_pos, seen.z_pos), *sizes.get(seen.object_id, SMALL))
+                for seen in percept.detections
+                if seen.object_id != chosen
+            ]
+            best = [
+                _brackets((cover.x, cover.y, cover.z), cover.width, cover.height)
+                for cover in percept.cover
+                if cover.object_id == chosen
+            ]
+            self._seen.show(np.array(boxes).reshape(-1, 2, 3), palette.DETECTION)
+            self._chosen.show(np.array(best).reshape(-1, 2, 3), palette.CHOSEN_COVER)
 
 
 def _brackets(base: tuple[float, float, float], width: float, height: float) -> np.ndarray:

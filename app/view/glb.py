@@ -15,13 +15,10 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from app.view.tone import for_screen, linear
+
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
-
-_SRGB = np.arange(256) / 255.0
-_LINEAR = np.round(
-    65535.0 * np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4)
-).astype(np.uint16)
 
 
 @dataclass(frozen=True)
@@ -128,7 +125,7 @@ class _Document:
         if surface.uv is not None:
             attributes["TEXCOORD_0"] = self._accessor(surface.uv.astype("<f4"), "VEC2")
         if surface.colours is not None:
-            attributes["COLOR_0"] = self._accessor(_linear(surface.colours), "VEC4", normalized=True)
+            attributes["COLOR_0"] = self._accessor(_light(surface), "VEC4", normalized=True)
         faces = self._accessor(surface.faces.astype("<u4").reshape(-1), "SCALAR", target=_ELEMENT_BUFFER)
         index = len(self._json["meshes"])
         self._json["materials"].append(self._material(surface))
@@ -211,10 +208,12 @@ class _Document:
         )
 
 
-def _linear(colours: np.ndarray) -> np.ndarray:
-    """(n, 4) uint16 linear light and alpha from (n, 3) or (n, 4) uint8 sRGB."""
-    rgba = np.full((len(colours), 4), 65535, "<u2")
-    rgba[:, :3] = _LINEAR[colours[:, :3]]
-    if colours.shape[1] == 4:
-        rgba[:, 3] = colours[:, 3].astype(np.uint16) * 257
+def _light(surface: Surface) -> np.ndarray:
+    """(n, 4) uint16 linear light and alpha of the surface's colours."""
+    assert surface.colours is not None
+    sent = surface.colours[:, :3]
+    rgba = np.full((len(sent), 4), 65535, "<u2")
+    rgba[:, :3] = np.round(65535.0 * linear(for_screen(sent) if surface.unlit else sent))
+    if surface.colours.shape[1] == 4:
+        rgba[:, 3] = surface.colours[:, 3].astype(np.uint16) * 257
     return rgba

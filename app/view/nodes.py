@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import viser
 
+from app.view.tone import for_screen
 from scenes.terrain import Heightmap
 
 PARSE_S = 0.6
@@ -50,7 +51,7 @@ class Lines:
         if len(segments) == 0:
             self.hide()
             return
-        colours = np.asarray(colours, np.uint8)
+        colours = for_screen(np.asarray(colours, np.uint8))
         if colours.ndim == 2:
             colours = np.repeat(colours[:, None], 2, axis=1)
         self._handle.points = np.asarray(segments, np.float32)

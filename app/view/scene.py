@@ -93,7 +93,7 @@ class Scene:
         label = thing_label(selection, getattr(thing, "name", None))
         self._mark.show((thing.x, thing.y), radius, label, heightmap)
 
-    def draw(self, frame: Frame, scenario: Scenario, heightmap: Heightmap) -> None:
+    def draw(self, frame: Frame, heightmap: Heightmap) -> None:
         """Everything that a frame speaks of; hidden layers are left as they are."""
         self._robot.draw(frame)
         self._observers.draw(frame, heightmap)
@@ -104,7 +104,7 @@ class Scene:
             Layer.COST: lambda: self._cost.draw(frame, heightmap),
             Layer.ARCS: lambda: self._arcs.draw(frame, heightmap),
             Layer.ROUTE: lambda: self._route.draw(frame, heightmap),
-            Layer.DETECTIONS: lambda: self._detections.draw(frame, scenario),
+            Layer.DETECTIONS: lambda: self._detections.draw(frame),
         }
         for layer, draw in drawings.items():
             if self._layers.visible[layer]:

@@ -151,7 +151,7 @@ class StudioView:
         if studio.frame is None:
             return
         with self.server.atomic():
-            self.scene.draw(studio.frame, studio.scenario, studio.heightmap)
+            self.scene.draw(studio.frame, studio.heightmap)
         panels = self._drawn_at - self._panels_at >= 1.0 / PANEL_HZ
         if panels:
             self._panels_at = self._drawn_at
