@@ -125,7 +125,7 @@ def _mesh(client: Any, thing: CoverObject) -> tuple[int, int]:
     shape = client.createCollisionShape(
         client.GEOM_MESH, vertices=vertices, indices=indices, flags=client.GEOM_FORCE_CONCAVE_TRIMESH
     )
-    normals = mesh.vertex_normals.tolist()
-    return shape, client.createVisualShape(
-        client.GEOM_MESH, vertices=vertices, indices=indices, normals=normals
+    visual = client.createVisualShape(
+        client.GEOM_MESH, vertices=vertices, indices=indices, normals=mesh.vertex_normals.tolist()
     )
+    return shape, visual

@@ -69,7 +69,7 @@ class WorldState:
     """A moment to come back to, in the world that made it; forgotten by Bullet when this is dropped."""
 
     bullet_state: int
-    bodies: tuple[int, ...]
+    revision: int
     steps: int
     drive: DriveState
     touching: tuple[Contact, ...]
@@ -121,6 +121,7 @@ class World:
         self._cover: dict[int, tuple[CoverObject, int]] = {}
         self._obstacles: tuple[tuple[MovingObstacle, int], ...] = ()
         self._steps = round(time_s / STEP_S)
+        self._revision = 0  # of cover and obstacles
         self._drive = DriveState()
         self._touching: tuple[Contact, ...] = ()
         self._bullet.setGravity(0.0, 0.0, -9.81)
@@ -213,14 +214,18 @@ class World:
         for _ in range(steps):
             self._advance(command)
             for body, contact in near.items():
-                if contact not in touched and self._bullet.getContactPoints(self._robot, body):
+                if contact not in touched and self._touches(body):
                     touched[contact] = None
         self._touching = tuple(touched)
         self._check_robot()
 
+    def _touches(self, body: int) -> bool:
+        # Bullet also keeps pairs that are only near; their distance is positive.
+        return any(point[8] <= 0.0 for point in self._bullet.getContactPoints(self._robot, body))
+
     def _advance(self, command: Twist) -> None:
         if self._steps % OBSTACLE_STEPS == 0:
-            self._move_obstacles()
+            self._place(self._walking)
         self._turn_wheels(command)
         self._bullet.stepSimulation()
         self._steps += 1
@@ -240,15 +245,18 @@ class World:
         """Bodies that the robot could come to touch, so that only those are asked for contacts."""
         pose = self.pose
         reach = HUSKY.circumscribed_radius + HUSKY.max_speed * duration_s + 0.5
-        at = np.array([[pose.x, pose.y]])
+        centres, radii = self._cover_extent
+        close = np.hypot(centres[:, 0] - pose.x, centres[:, 1] - pose.y) < reach + radii
+        standing = list(self._cover.values())
         near = {}
-        for thing, body in self._cover.values():
-            if math.hypot(thing.x - pose.x, thing.y - pose.y) < reach + thing.footprint.radius:
-                near[body] = Contact("cover", thing.id)
+        for index in np.flatnonzero(close):
+            thing, body = standing[index]
+            near[body] = Contact("cover", thing.id)
         for obstacle, body in self._obstacles:
             outline = obstacle.footprint_at(self.time_s)
-            speed = obstacle.patrol.speed if obstacle.patrol else 0.0
-            if float(outline.distance(at)[0]) < reach + speed * duration_s:
+            stride = obstacle.patrol.speed * duration_s if obstacle.patrol else 0.0
+            gap = math.hypot(outline.x - pose.x, outline.y - pose.y) - outline.radius
+            if gap < reach + stride:
                 near[body] = Contact("obstacle", obstacle.id)
         return near
 
@@ -292,6 +300,7 @@ class World:
     def set_cover(self, cover: Sequence[CoverObject]) -> None:
         """Replace the cover objects; those that stay as they are keep their bodies."""
         wanted = {thing.id: thing for thing in cover}
+        self._revision += 1
         for key, (thing, body) in list(self._cover.items()):
             if wanted.get(key) != thing:
                 self._bullet.removeBody(body)
@@ -301,16 +310,24 @@ class World:
                 body = add_cover(self._bullet, self.heightmap, thing, mesh=self._cover_meshes)
                 self._cover[key] = thing, body
         self._cover = {key: self._cover[key] for key in wanted}  # in the order of labels
+        outlines = [thing.footprint for thing in wanted.values()]
+        self._cover_extent = (
+            np.array([(outline.x, outline.y) for outline in outlines]).reshape(-1, 2),
+            np.array([outline.radius for outline in outlines]),
+        )
 
     def set_obstacles(self, obstacles: Sequence[MovingObstacle]) -> None:
         """Replace the moving obstacles; they go on with their beats at the world's time."""
+        self._revision += 1
         for _, body in self._obstacles:
             self._bullet.removeBody(body)
         self._obstacles = tuple((thing, add_obstacle(self._bullet, thing)) for thing in obstacles)
-        self._move_obstacles()
+        self._walking = tuple(pair for pair in self._obstacles if pair[0].patrol is not None)
+        self._place(self._obstacles)
 
-    def _move_obstacles(self) -> None:
-        for thing, body in self._obstacles:
+    def _place(self, obstacles) -> None:
+        """Put obstacles where their beats have them now."""
+        for thing, body in obstacles:
             x, y, yaw = thing.pose_at(self.time_s)
             z = float(self.heightmap.height_at(x, y)) + 0.5 * thing.size[2]
             self._bullet.resetBasePositionAndOrientation(
@@ -368,19 +385,14 @@ class World:
 
     def _labels(self) -> dict[int, int]:
         """Labels in `RayScene.bodies` by Bullet's body id."""
-        return {body: label for label, body in enumerate((self._ground, *self._bodies))}
+        standing = (body for _, body in (*self._cover.values(), *self._obstacles))
+        return {body: label for label, body in enumerate((self._ground, *standing))}
 
     # --- moments to come back to -----------------------------------------------------------------
 
     def save(self) -> WorldState:
         """The present moment, to the last bit, for `restore` in this same world."""
-        state = WorldState(
-            self._bullet.saveState(),
-            self._bodies,
-            self._steps,
-            self._drive,
-            self._touching,
-        )
+        state = WorldState(self._bullet.saveState(), self._revision, self._steps, self._drive, self._touching)
         weakref.finalize(state, _forget, self._bullet, self._closed, state.bullet_state)
         return state
 
@@ -389,14 +401,10 @@ class World:
 
         Raises ValueError where cover or obstacles have been replaced since.
         """
-        if state.bodies != self._bodies:
+        if state.revision != self._revision:
             raise ValueError("the cover or the obstacles have changed since this state was saved")
         self._bullet.restoreState(stateId=state.bullet_state)
         self._steps, self._drive, self._touching = state.steps, state.drive, state.touching
-
-    @property
-    def _bodies(self) -> tuple[int, ...]:
-        return tuple(body for _, body in (*self._cover.values(), *self._obstacles))
 
 
 def _forget(client: _Client, closed: weakref.finalize, bullet_state: int) -> None:
