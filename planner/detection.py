@@ -21,6 +21,7 @@ from scenes.robot import HUSKY
 from scenes.sensors import CameraImage
 
 MIN_PIXELS = 12
+SURE_RANGE, PAST = 15.0, 1.5  # metres: places that must show if they are there; how much farther is past them
 SAMPLES = 200  # pixels of a mask that its position is taken from, at most
 
 _KINDS = {entry.class_id: entry.kind for entry in CATALOGUE.values()}
@@ -51,7 +52,7 @@ def sight(
 
     Objects that cannot hide the robot by their apparent size or their class are ignored. The position is
     the median of the mask's points, moved on along the view by half of what the object is wide (at most
-    half of what its class usually is), for only its near face is seen; z is at its foot.
+    half of what its class usually is), for only its near face is seen; z is that of its lowest pixels.
     Each object that is judged draws twice from `rng`, whether it is missed or not.
     """
     found = (_sighting(image, body, pixels, pose_world_base, frame_id, rng) for body, pixels in _masks(image, bodies))
@@ -59,19 +60,19 @@ def sight(
 
 
 def looked_through(
-    image: CameraImage, places: Sequence[tuple[int, np.ndarray]], pose_world_base: Pose, margin: float = 1.5
+    image: CameraImage, places: Sequence[tuple[int, np.ndarray]], pose_world_base: Pose
 ) -> tuple[int, ...]:
-    """Ids of the places (id, world point) that the image looks past: their pixel shows something farther
-    than they are by `margin` metres, so what stood there is gone."""
+    """Ids of the places (id, world point) that the image looks past, so that what stood there is gone:
+    their pixel shows something clearly farther away, or nothing within the camera's range."""
     height, width = image.depth.shape
     lens, camera = image.intrinsics, pose_world_base.compose(image.pose)
     gone = []
     for object_id, point in places:
         ahead, left, up = (point - camera.position) @ camera.rotation
-        if ahead <= 0.5:
+        if not 0.5 < ahead < SURE_RANGE:
             continue
         col, row = round(lens.cx - lens.fx * left / ahead), round(lens.cy - lens.fy * up / ahead)
-        if 0 <= col < width and 0 <= row < height and image.depth[row, col] > ahead + margin:
+        if 0 <= col < width and 0 <= row < height and not image.depth[row, col] <= ahead + PAST:
             gone.append(object_id)
     return tuple(gone)
 
@@ -111,7 +112,9 @@ def _sighting(
     confidence = _confidence(depth, len(pixels), cut_wide + cut_high, hidden, rng)
     if confidence is None:
         return None
-    x, y, z = _position(pose.to_world(image.points_body(rows, cols)), kind, width, pose.position)
+    x, y = _position(pose.to_world(image.points_body(rows, cols)), kind, width, pose.position)
+    lowest = np.divmod(pixels[-5:], image.intrinsics.width)
+    z = float(np.median(pose.to_world(image.points_body(*lowest))[:, 2]))
     corners = tuple((float(u), float(v)) for u in (x_min, x_max) for v in (y_min, y_max))
     detection = Detection(
         frame_id, body.class_id, body.class_name, confidence,
@@ -127,14 +130,13 @@ def _thinned(first: int, last: int) -> slice:
 
 def _position(
     points: np.ndarray, kind: CoverKind, width: float, robot: np.ndarray
-) -> tuple[float, float, float]:
+) -> tuple[float, float]:
     """Where an object is whose near face shows world `points` (n, 3) to a robot at (3,)."""
     middle = np.median(points[:, :2], axis=0)
     view = middle - robot[:2]
     behind = 0.5 * min(width, CATALOGUE[kind].width.usual)
     middle = middle + behind * view / max(float(np.hypot(*view)), 1e-6)
-    foot = np.sort(points[:, 2])[len(points) // 20]
-    return float(middle[0]), float(middle[1]), float(foot)
+    return float(middle[0]), float(middle[1])
 
 
 def _confidence(depth: float, pixels: int, cuts: int, hidden: float, rng: np.random.Generator) -> float | None:
