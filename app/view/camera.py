@@ -9,6 +9,7 @@ import numpy as np
 import viser
 
 from scenes.pose import Pose
+from scenes.rays import RayScene
 from scenes.scenario import Scenario
 from scenes.terrain import Heightmap
 
@@ -24,22 +25,43 @@ class Viewpoint:
     look_at: np.ndarray
 
 
-def opening_view(scenario: Scenario, heightmap: Heightmap) -> Viewpoint:
-    """From behind and beside the start, over the robot's way, down on the goal."""
+def opening_view(scenario: Scenario, heightmap: Heightmap, rays: RayScene) -> Viewpoint:
+    """From behind and beside the start, over the robot's way, down on the goal: from the side that hides
+    the least of both, higher up where neither side will do."""
     start = np.array([scenario.start.x, scenario.start.y])
     goal = np.array([scenario.goal.x, scenario.goal.y])
+    targets = np.array(
+        [[*p, float(heightmap.height_at(*p)) + 0.6] for p in (start, 0.5 * (start + goal), goal)]
+    )
+    best, most = None, -1
+    for aside, up in ((0.7, 0.85), (-0.7, 0.85), (0.2, 1.0), (-0.5, 1.25), (0.5, 1.25)):
+        view = _beside(start, goal, aside, up, heightmap)
+        seen = _in_sight(view.position, targets, rays)
+        if seen > most:
+            best, most = view, seen
+    assert best is not None
+    return best
+
+
+def _beside(start: np.ndarray, goal: np.ndarray, aside: float, up: float, heightmap: Heightmap) -> Viewpoint:
     way = goal - start
     length = max(float(np.linalg.norm(way)), 1.0)
     ahead = way / length
-    aside = np.array([ahead[1], -ahead[0]])
     middle = start + 0.52 * way
     span = max(length, 12.0)
-    eye = middle - 1.25 * span * ahead + 0.7 * span * aside
+    eye = middle - 1.25 * span * ahead + aside * span * np.array([ahead[1], -ahead[0]])
     height = float(heightmap.height_at(*middle))
     floor = float(heightmap.height_at(*eye)) + 2.5
     return Viewpoint(
-        np.array([*eye, max(height + 0.85 * span, floor)]), np.array([*middle, height - 0.02 * span])
+        np.array([*eye, max(height + up * span, floor)]), np.array([*middle, height - 0.02 * span])
     )
+
+
+def _in_sight(eye: np.ndarray, targets: np.ndarray, rays: RayScene) -> int:
+    offsets = targets - eye
+    distances = np.linalg.norm(offsets, axis=1)
+    hits = rays.cast(eye, offsets / distances[:, None], float(distances.max()))
+    return int((hits.distance > distances - 0.3).sum())
 
 
 def top_view(heightmap: Heightmap, centre: tuple[float, float]) -> Viewpoint:

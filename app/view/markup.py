@@ -54,7 +54,7 @@ def scale(colours: Sequence[palette.RGB], low: str, high: str) -> str:
 
 def swatch(colour: palette.RGB) -> str:
     """A spot of colour at the left edge of the widget that follows."""
-    spot = f"left:5px;top:12px;width:4px;height:14px;border-radius:2px;background:{palette.css(colour)}"
+    spot = f"left:2px;top:2px;width:4px;height:14px;border-radius:2px;background:{palette.css(colour)}"
     return (
         '<div style="position:relative;height:0;z-index:1">'
         f'<span style="position:absolute;{spot}"></span></div>'

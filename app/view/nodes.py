@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import viser
 
-from app.view.tone import for_screen
+from app.view.tone import for_screen, linear
 from scenes.terrain import Heightmap
 
 PARSE_S = 0.6
@@ -52,8 +52,9 @@ class Lines:
             self.hide()
             return
         colours = for_screen(np.asarray(colours, np.uint8))
-        if colours.ndim == 2:
-            colours = np.repeat(colours[:, None], 2, axis=1)
+        if colours.ndim == 2:  # viser takes colours of vertices for linear light, a single one for sRGB
+            light = np.round(255.0 * linear(colours)).astype(np.uint8)
+            colours = np.repeat(light[:, None], 2, axis=1)
         self._handle.points = np.asarray(segments, np.float32)
         self._handle.colors = colours
         self._handle.visible = True

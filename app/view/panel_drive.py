@@ -10,7 +10,6 @@ from app.changes import Change
 from app.studio import Studio
 from app.view import markup
 from app.view.desk import Desk, show_value
-from app.view.panel_words import STATUS_WORDS
 from planner.frames import Frame, Perception, Status
 from planner.methods import METHODS
 
@@ -66,9 +65,7 @@ class DriveTab:
 
 def live_numbers(studio: Studio) -> str:
     """The state in words and the numbers of the newest frame, as HTML."""
-    rows = [("State", STATUS_WORDS[studio.status])]
-    if studio.frame is not None:
-        rows += _frame_rows(studio.frame)
+    rows = _frame_rows(studio.frame) if studio.frame is not None else []
     if studio.status is Status.RUNNING:
         rows.append(("Speed reached", f"{studio.real_factor:.1f}× of {studio.speed:g}×"))
     return markup.block(markup.sentence(studio.message), markup.table(rows))
@@ -80,8 +77,8 @@ def _frame_rows(frame: Frame) -> list[tuple[str, str]]:
         ("Time", f"{frame.time_s:.1f} s"),
         ("To the goal", f"{gap:.1f} m"),
         ("Driven", f"{frame.metrics.trajectory_length_m:.1f} m"),
-        ("Speed", f"{frame.twist.v:.2f} m/s, {math.degrees(frame.twist.w):.0f} °/s"),
-        ("Roll, pitch", f"{math.degrees(frame.pose.roll):.1f}°, {math.degrees(frame.pose.pitch):.1f}°"),
+        ("Speed", f"{frame.twist.v:z.2f} m/s, {math.degrees(frame.twist.w):z.0f} °/s"),
+        ("Roll, pitch", f"{math.degrees(frame.pose.roll):z.1f}°, {math.degrees(frame.pose.pitch):z.1f}°"),
         ("In cover (Algorithm 1)", f"{100.0 * frame.metrics.cover_fraction:.0f} % of the way"),
         ("Planner", f"{frame.planner_ms:.0f} ms"),
     ]

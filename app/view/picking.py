@@ -49,7 +49,7 @@ class Picker:
         if start.shape != (3,) or not (np.isfinite(start).all() and 0.0 < length < np.inf):
             raise ValueError("a click needs a ray with a finite origin and direction")
         along = along / length
-        rays = self._scene(scenario, heightmap)
+        rays = self.rays(scenario, heightmap)
         hits = rays.cast(start, along[None], REACH)
         distance, body = float(hits.distance[0]), int(hits.body[0])
         thing = _nearest_target(start, along, distance, _targets(scenario, heightmap, frame))
@@ -60,7 +60,8 @@ class Picker:
         point = start + distance * along
         return Pick((round(float(point[0]), 3), round(float(point[1]), 3)), thing)
 
-    def _scene(self, scenario: Scenario, heightmap: Heightmap) -> RayScene:
+    def rays(self, scenario: Scenario, heightmap: Heightmap) -> RayScene:
+        """The ground and the cover of the scenario as it is now."""
         if self._rays is None or heightmap is not self._heightmap:
             self._rays = RayScene(heightmap, scenario.cover)
         elif scenario.cover is not self._cover:

@@ -139,10 +139,10 @@ def _light(scene: viser.SceneApi) -> None:
     scene.configure_default_lights(enabled=False)
     scene.configure_environment_map(None)
     scene.add_light_directional(
-        "/light/sun", color=(255, 244, 226), intensity=2.4, position=(-30.0, 36.0, 42.0)
+        "/light/sun", color=(255, 244, 226), intensity=2.5, position=(-30.0, 36.0, 42.0)
     )
     scene.add_light_hemisphere(
-        "/light/sky", sky_color=(214, 226, 240), ground_color=(120, 112, 98), intensity=1.5
+        "/light/sky", sky_color=(214, 226, 240), ground_color=(140, 132, 116), intensity=2.1
     )
     share = np.linspace(0.0, 1.0, 64)[:, None, None]
     top, bottom = np.array(palette.BACKDROP_TOP), np.array(palette.BACKDROP_BOTTOM)

@@ -14,7 +14,7 @@ import viser
 
 from app.changes import Change
 from app.studio import Studio
-from app.view.camera import FIELD_OF_VIEW, opening_view
+from app.view.camera import FIELD_OF_VIEW, Viewpoint, opening_view
 from app.view.gizmo import Gizmo
 from app.view.ground import terrain_glb, water_glb
 from app.view.keys import bind_keys
@@ -130,7 +130,7 @@ class StudioView:
         self._edit()
         self._frame_camera()
         for viewer in self._viewers.values():
-            viewer.eye.opening(opening_view(self.studio.scenario, heightmap))
+            viewer.eye.opening(self.opening_view())
 
     def _edit(self) -> None:
         studio = self.studio
@@ -182,8 +182,12 @@ class StudioView:
         for viewer in self._viewers.values():
             viewer.refresh_layers()
 
+    def opening_view(self) -> Viewpoint:
+        scenario, heightmap = self.studio.scenario, self.studio.heightmap
+        return opening_view(scenario, heightmap, self.picker.rays(scenario, heightmap))
+
     def _frame_camera(self) -> None:
-        view = opening_view(self.studio.scenario, self.studio.heightmap)
+        view = self.opening_view()
         camera = self.server.initial_camera
         camera.position, camera.look_at = view.position, view.look_at
         camera.fov, camera.near, camera.far = FIELD_OF_VIEW, 0.1, 3000.0

@@ -9,7 +9,7 @@ import viser
 
 from app.changes import Change
 from app.view import tools
-from app.view.camera import Eye, opening_view, top_view
+from app.view.camera import Eye, top_view
 from app.view.panel import Panel
 from app.view.tools import Armed, Tool
 from scenes.pose import Pose
@@ -60,7 +60,7 @@ class Viewer:
         self.eye.toggle_top(top_view(self.studio.heightmap, (0.0, 0.0)))
 
     def look_as_at_first(self) -> None:
-        self.eye.opening(opening_view(self.studio.scenario, self.studio.heightmap))
+        self.eye.opening(self.view.opening_view())
 
     def _robot_pose(self) -> Pose:
         if self.studio.frame is not None:

@@ -41,6 +41,13 @@ export function listKeys(list) {
   }
 }
 
+// A button that was clicked keeps the focus, and Space would press it again instead of playing.
+function letGo(page) {
+  page.addEventListener("click", (event) => {
+    if (event.detail > 0) event.target.closest?.("button")?.blur();
+  });
+}
+
 /** Calls `toggle` for "?", wherever the focus is, and hands other keys of the page on to the view. */
 export function routeKeys(frame, toggle) {
   const help = (event) => {
@@ -49,7 +56,11 @@ export function routeKeys(frame, toggle) {
     toggle();
     return true;
   };
-  const inView = (view) => view.addEventListener("keydown", help);
+  const inView = (view) => {
+    view.addEventListener("keydown", help);
+    letGo(view.document);
+  };
+  letGo(document);
   frame.addEventListener("load", () => inView(frame.contentWindow));
   if (frame.contentDocument?.readyState === "complete") inView(frame.contentWindow);
 
