@@ -199,7 +199,9 @@ class SemanticCamera:
         hits = rays.cast(origin, directions, config.max_range / float(self._cosines.min()))
         depth = hits.distance * self._cosines
         if config.noise > 0.0:
-            depth = depth + config.noise * depth**2 * rng.standard_normal(len(depth), dtype=np.float32)
+            noise = rng.standard_normal(len(depth), dtype=np.float32)
+            hit = hits.body >= 0
+            depth[hit] += config.noise * depth[hit] ** 2 * noise[hit]
         seen = (depth >= config.min_range) & (depth <= config.max_range)
         classes = np.array([*(body.class_id for body in rays.bodies), -1], np.int32)
         shading = shade(rays, hits, origin, directions)
