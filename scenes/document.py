@@ -21,7 +21,12 @@ Identifier = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f<>]+$")]
 
 
-PLAIN_WORDS = {"missing": "is missing", "extra_forbidden": "is not a field that is known here"}
+PLAIN_WORDS = {
+    "missing": "is missing",
+    "extra_forbidden": "is not a field that is known here",
+    "too_long": "has too many items: at most {max_length} are allowed",
+    "too_short": "has too few items: at least {min_length} must be given",
+}
 
 
 class ScenarioError(ValueError):
@@ -34,9 +39,12 @@ class Document(BaseModel):
 
 def first_message(error: ValidationError) -> str:
     """One line for the first problem of a pydantic error: the field's path and what is wrong there."""
-    problem = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    path = ".".join(str(part) for part in problem["loc"])
-    message = PLAIN_WORDS.get(problem["type"]) or problem["msg"].removeprefix("Value error, ")
+    problem = error.errors(include_url=False, include_input=False)[0]
+    path = "".join(f"[{part}]" if isinstance(part, int) else f".{part:.80}" for part in problem["loc"])
+    path = " ".join(path.removeprefix(".").split())
+    message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+    if problem["type"] in PLAIN_WORDS:
+        message = PLAIN_WORDS[problem["type"]].format_map(problem.get("ctx", {}))
     return f"{path}: {message}" if path else message
 
 

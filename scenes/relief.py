@@ -45,6 +45,9 @@ def distance_to(ground: Heightmap, outline: Footprint) -> np.ndarray:
     return outline.distance(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
 
 
+SHORE = 1.5
+
+
 @dataclass(frozen=True, eq=False)
 class Trail:
     """A winding way.
@@ -113,13 +116,10 @@ class Pond:
         return cls(water, np.asarray(distance))
 
     def filled(self, ground: Heightmap, bank: float) -> Heightmap:
-        """A flat water level with banks that rise to the land over `bank` metres."""
-        level = float(np.quantile(ground.heights[self.water], 0.15)) - 0.05
-        shore = level + 0.04
-        dry = replace(ground, heights=np.maximum(ground.heights, shore))
-        banked = _blended(dry, shore, _ease(self.distance / bank))
-        heights = np.where(self.distance < bank, banked.heights, ground.heights)
-        return replace(ground, heights=np.where(self.water, level, heights))
+        """A flat water level, dug below all its shore, with banks that ease into the land over `bank` metres."""
+        level = float(ground.heights[self.distance < SHORE].min()) - 0.05
+        banked = _blended(ground, level + 0.04, _ease(self.distance / bank))
+        return replace(ground, heights=np.where(self.water, level, banked.heights))
 
 
 def _ease(distance: np.ndarray) -> np.ndarray:

@@ -53,13 +53,10 @@ class Solid:
         the ground keeps its depth."""
         points = self.triangles.reshape(-1, 3)
         low, high = points.min(axis=0), points.max(axis=0)
-        middle = 0.5 * (low + high)
-        scaled = (points - (middle[0], middle[1], 0.0)) * (
-            length / (high[0] - low[0]),
-            width / (high[1] - low[1]),
-            1.0,
-        )
-        scaled[:, 2] = np.where(points[:, 2] > 0.0, points[:, 2] * height / high[2], points[:, 2])
+        middle, extent = 0.5 * (low + high)[:2], (high - low)[:2]
+        scaled = np.empty_like(points)
+        scaled[:, :2] = (points[:, :2] - middle) * ((length, width) / extent)
+        scaled[:, 2] = points[:, 2] * np.where(points[:, 2] > 0.0, height / high[2], 1.0)
         return Solid(scaled.reshape(-1, 3, 3), self.colours)
 
     def mesh(self) -> trimesh.Trimesh:
@@ -134,7 +131,7 @@ def column(
 def wheel(centre: tuple[float, float, float], radius: float, width: float, colour: Colour) -> Solid:
     """A short cylinder with its axle along y, and a lighter hub."""
     lie_down = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)])
-    tyre = column(radius, (-0.5 * width, 0.5 * width), colour, sides=10)
+    tyre = column(radius, (-0.5 * width, 0.5 * width), colour, sides=12)
     hub = column(0.5 * radius, (-0.53 * width, 0.53 * width), (150, 150, 146), sides=5)
     return join(tyre, hub).turned(lie_down).moved(*centre)
 

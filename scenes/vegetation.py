@@ -29,45 +29,42 @@ def trunk_radius(length: float) -> float:
 
 
 def tree(rng: np.random.Generator, length: float, width: float, height: float) -> Solid:
-    """A slender tree is a conifer, a spreading one a broadleaf."""
-    if height > CONIFER_SLENDERNESS * length:
-        return _conifer(rng, length, height)
-    return _broadleaf(rng, length, width, height)
+    """A trunk under its crown: a slender tree is a conifer, a spreading one a broadleaf."""
+    base, radius = crown_base(height), trunk_radius(length)
+    depth = height - base
+    build = _conifer_crown if height > CONIFER_SLENDERNESS * length else _broadleaf_crown
+    crown = build(rng, length, width, depth).fitted(length, width, depth).moved(z=base)
+    trunk = column(radius, (-ROOT_DEPTH, base + 0.4 * depth), BARK, top=0.6 * radius, sides=6)
+    return join(trunk, crown)
 
 
-def _conifer(rng: np.random.Generator, length: float, height: float) -> Solid:
-    base, colour = crown_base(height), CONIFER_GREENS[rng.integers(len(CONIFER_GREENS))]
-    radius = trunk_radius(length)
-    tiers = int(np.clip(round((height - base) / 1.4), 3, 5))
-    tier_height = (height - base) / (0.55 * (tiers - 1) + 1.0)
-    parts = [column(radius, (-ROOT_DEPTH, base + 0.5 * tier_height), BARK, top=0.6 * radius, sides=6)]
+def _conifer_crown(rng: np.random.Generator, length: float, width: float, depth: float) -> Solid:
+    """Cones stacked upon each other, the lowest from z = 0."""
+    colour = CONIFER_GREENS[rng.integers(len(CONIFER_GREENS))]
+    tiers = int(np.clip(round(depth / 1.4), 3, 5))
+    tier_depth = depth / (0.55 * (tiers - 1) + 1.0)
+    parts = []
     for index in range(tiers):
-        share = 1.0 - index / tiers
-        bottom = base + 0.55 * tier_height * index
+        bottom, share = 0.55 * tier_depth * index, 1.0 - index / tiers
         spread = 0.5 * length * (0.25 + 0.75 * share) * (1.0 if index == 0 else rng.uniform(0.9, 1.05))
-        tier = column(spread, (bottom, bottom + tier_height), colour, top=0.0, sides=8)
-        lean = _about_z(rng.uniform(0.0, np.pi))
-        parts.append(tier.turned(lean).mottled(rng, 0.08).shaded(0.82 + 0.05 * index, 1.08 + 0.05 * index))
+        tier = column(spread, (bottom, bottom + tier_depth), colour, top=0.0, sides=8)
+        tier = tier.turned(_about_z(rng.uniform(0.0, np.pi))).mottled(rng, 0.08)
+        parts.append(tier.shaded(0.82 + 0.05 * index, 1.08 + 0.05 * index))
     return join(*parts)
 
 
-def _broadleaf(rng: np.random.Generator, length: float, width: float, height: float) -> Solid:
-    base, colour = crown_base(height), LEAF_GREENS[rng.integers(len(LEAF_GREENS))]
-    radius, depth = trunk_radius(length), height - crown_base(height)
-    parts = [column(radius, (-ROOT_DEPTH, base + 0.5 * depth), BARK, top=0.55 * radius, sides=6)]
+def _broadleaf_crown(rng: np.random.Generator, length: float, width: float, depth: float) -> Solid:
+    """Three leafy balls, the lowest point near z = 0."""
+    colour = LEAF_GREENS[rng.integers(len(LEAF_GREENS))]
     bearing = rng.uniform(0.0, 2.0 * np.pi)
-    crown = []
+    balls = []
     for index, share in enumerate((1.0, 0.78, 0.72)):
-        angle = bearing + 2.1 * index
-        out = 0.0 if index == 0 else 0.26
-        centre = (
-            out * length * np.cos(angle),
-            out * width * np.sin(angle),
-            base + depth * (0.56 if index == 0 else rng.uniform(0.36, 0.46)),
-        )
+        angle, out = bearing + 2.1 * index, 0.0 if index == 0 else 0.26
+        up = 0.56 if index == 0 else rng.uniform(0.36, 0.46)
+        centre = (out * length * np.cos(angle), out * width * np.sin(angle), up * depth)
         size = (0.40 * share * length, 0.40 * share * width, 0.45 * share * depth)
-        crown.append(ball(size, centre, colour, rng, roughness=0.16))
-    return join(*parts, join(*crown).mottled(rng, 0.07).shaded(0.72, 1.15))
+        balls.append(ball(size, centre, colour, rng, roughness=0.16))
+    return join(*balls).mottled(rng, 0.07).shaded(0.72, 1.15)
 
 
 def bush(rng: np.random.Generator, length: float, width: float, height: float) -> Solid:
