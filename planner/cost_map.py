@@ -28,9 +28,9 @@ class CostConfig:
 
     slope: float = 35.0
     roughness: float = 15.0
-    obstacle: float = 60.0
+    obstacle: float = 80.0
     unknown: float = 8.0
-    rim: float = HUSKY.inscribed_radius + 0.11
+    rim: float = HUSKY.inscribed_radius + 0.14
     obstacle_reach: float = 1.3
     max_slope: float = HUSKY.max_slope
     max_roughness: float = 0.08

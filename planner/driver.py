@@ -190,7 +190,7 @@ class Driver:
     def _freest(self, percept: Percept, target: tuple[float, float]) -> float:
         """World bearing along which the robot could go far, not far from the target's, and not tried before."""
         bearings = 2.0 * np.pi * np.arange(48) / 48.0
-        contact = self.config.dwa.contact_distance
+        contact = 0.5 * self.config.dwa.footprint.width + self.config.dwa.contact_distance
         free = _corridors(percept, bearings, contact, self.config.corridor)
         pose = percept.pose
         aside = np.abs(wrap_angle(bearings - math.atan2(target[1] - pose.y, target[0] - pose.x)))

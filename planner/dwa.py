@@ -27,17 +27,12 @@ _WHEELS = np.array(
 
 @dataclass(frozen=True)
 class Footprint:
-    """Circles of one radius along the body's axis that together hold the robot; metres."""
+    """All that is nearer than `radius` to a core rectangle about the base; metres. A core without size makes a
+    round robot, no radius a rectangular one."""
 
-    offsets: tuple[float, ...]
-    radius: float
-
-    @classmethod
-    def of_rectangle(cls, length: float, width: float, circles: int) -> Footprint:
-        """The fewest-excess covering of a rectangle by so many equal circles."""
-        share = length / circles
-        offsets = tuple((i + 0.5) * share - 0.5 * length for i in range(circles))
-        return cls(offsets, 0.5 * math.hypot(share, width))
+    length: float
+    width: float
+    radius: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -45,14 +40,15 @@ class Weights:
     """What an arc is judged by; each weight times its term, lower is better.
 
     heading : per radian between the arc's end and the bearing of the target
-    clearance : per 1/m of the least distance to an obstacle point, less its value at `clearance_reach`
+    clearance : per 1/m of the least distance from the footprint's core to an obstacle point, less its value at
+        `clearance_reach`
     velocity : per m/s short of the highest allowed speed
     goal : per metre between the arc's end and the target
     unknown, tilt : for an arc wholly on unknown ground; per unit of the greatest tangent of tilt
     """
 
     heading: float = 0.3
-    clearance: float = 0.35
+    clearance: float = 0.12
     velocity: float = 0.25
     goal: float = 1.0
     unknown: float = 0.1
@@ -91,18 +87,18 @@ class DwaConfig:
     yaw_braking: float = 3.0
     reaction: float = 0.2
     creep_speed: float = 0.5
-    margin: float = 0.06
-    speed_margin: float = 0.1
+    margin: float = 0.05
+    speed_margin: float = 0.12
     escape_speed: float = 0.3
     point_radius: float = 0.1
     tilt_limit: float = math.radians(26.0)
     clearance_reach: float = 2.0
-    footprint: Footprint = field(default_factory=lambda: Footprint.of_rectangle(HUSKY.length, HUSKY.width, 4))
+    footprint: Footprint = field(default_factory=lambda: Footprint(HUSKY.length, HUSKY.width))
     weights: Weights = field(default_factory=Weights)
 
     @property
     def contact_distance(self) -> float:
-        """From a footprint circle's centre to an obstacle point that counts as touched."""
+        """From the footprint's core to an obstacle point that counts as touched."""
         return self.footprint.radius + self.margin + self.point_radius
 
     @property
@@ -197,7 +193,7 @@ def evaluate(
     paths, heading, nearest, distance, unknown, tilt, free_time, rejection = roll_out(
         v, w, start, np.array(target, float), config.steps, config.dt, config.heading_share,
         np.array([config.braking, config.yaw_braking]), config.reaction, config.creep_speed,
-        np.array(config.footprint.offsets), config.contact_distance,
+        0.5 * np.array([config.footprint.length, config.footprint.width]), config.contact_distance,
         config.speed_margin, config.escape_speed, ranked,
         _discs(config, surroundings.moving), ground.elevation.astype(float), ground.forbidden,
         np.array([ground.x_min, ground.y_min, ground.resolution]), _WHEELS, math.tan(config.tilt_limit),

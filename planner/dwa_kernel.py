@@ -12,11 +12,14 @@ from numba import njit
 
 COLLISION, CANNOT_STOP, MOVING_OBSTACLE, SLOPE, TILT, UNKNOWN_GROUND, OFF_THE_MAP = 1, 2, 3, 4, 5, 6, 7
 
+LEAVING_SLACK = 0.01
+"""Metres that something may come nearer while the robot leaves a margin, for no turn keeps a distance exactly."""
+
 
 @njit(cache=True)
 def roll_out(
     v, w, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
-    circles, contact, speed_margin, escape_speed, points, moving, elevation, forbidden, origin, wheels, tilt_limit,
+    half_size, contact, speed_margin, escape_speed, points, moving, elevation, forbidden, origin, wheels, tilt_limit,
 ):  # fmt: skip
     """Every arc as far as it is free, and why it is not admissible.
 
@@ -24,16 +27,17 @@ def roll_out(
     heading_share : share of a step's turn taken before its translation (0.5: midpoint rule, 1: Euler)
     braking : (2,) m/s² and rad/s² the robot can surely stop with, 0 for "not at all"; reaction : s
     creep_speed : m/s at which unknown ground may be entered
-    circles : (c,) offsets of the footprint's circles along the body axis, all with contact distance `contact`,
-        and `speed_margin` more for each m/s; up to `escape_speed` a robot that is nearer already may leave
+    half_size : (2,) half length and half width of the footprint's core, a rectangle; nearer to it than `contact`,
+        and `speed_margin` more for each m/s, nothing may come; up to `escape_speed` a robot that is nearer
+        already may leave
     points : (m, 3) obstacle points x, y and distance from the start, nearest first
     moving : (k, 5) discs x, y, vx, vy, contact distance
     elevation, forbidden : (rows, cols) ground heights (NaN unknown) and untraversable cells, cell [0, 0] at
         `origin` (x, y, resolution); no rows: the ground is not looked at
     wheels : (4, 2) contact points front left, front right, rear left, rear right; tilt_limit : tangent
 
-    Returns paths (n, steps + 1, 5) of x, y, yaw and its cosine and sine, heading error at the end of the free part (rad), least distance of a circle
-    centre to a point before contact (m), distance to the target at the end of the free part (m), share of poses
+    Returns paths (n, steps + 1, 5) of x, y, yaw and its cosine and sine, heading error at the end of the free part (rad), least distance of a
+    point to the core before contact (m), distance to the target at the end of the free part (m), share of poses
     with a wheel on unknown ground, greatest tangent of tilt, time free of hazards (s), rejection (int8).
     """
     n = v.shape[0]
@@ -42,12 +46,13 @@ def roll_out(
     unknown_share, tilt, free_time = np.zeros(n), np.zeros(n), np.empty(n)
     rejection = np.zeros(n, np.int8)
     here = np.array([start[0], start[1], start[2], math.cos(start[2]), math.sin(start[2])])
-    reach = np.max(np.abs(circles))
-    start_distance = _least_distance(here, circles, points)
+    reach = math.hypot(half_size[0], half_size[1])
+    start_distance = _least_distance(here, half_size, points)
+    leaving = min(start_distance, max(start_distance - LEAVING_SLACK, 0.5 * contact))
     # Where the robot is in a margin or stands on bad ground, it may leave slowly but not make it worse.
     discs = moving.copy()
     for j in range(moving.shape[0]):
-        discs[j, 4] = min(moving[j, 4], _least_distance(here, circles, moving[j : j + 1]))
+        discs[j, 4] = min(moving[j, 4], _least_distance(here, half_size, moving[j : j + 1]))
     bad_start, tilt_start = 0, 0.0
     if elevation.shape[0] > 0:
         bad_start, _, _, tilt_start = _ground_under(here, wheels, elevation, forbidden, origin)
@@ -56,14 +61,14 @@ def roll_out(
     for i in range(n):
         path, limit = paths[i], contact + speed_margin * abs(v[i])
         if abs(v[i]) <= escape_speed:
-            limit = min(limit, start_distance)
+            limit = min(limit, leaving)
         _trace(v[i], w[i], here, dt, heading_share, path)
         hazard, free, unknown_step = 0, steps, steps
         if discs.shape[0] > 0:
-            free = _until_moving(path, dt, circles, discs)
+            free = _until_moving(path, dt, half_size, discs)
             hazard = MOVING_OBSTACLE if free < steps else 0
         last, nearest[i] = _until_contact(
-            path, free, abs(v[i]) * dt, circles, reach, limit, points, start_distance
+            path, free, abs(v[i]) * dt, half_size, reach, limit, points, start_distance
         )
         if last < free:
             hazard, free = COLLISION, last
@@ -104,22 +109,22 @@ def _trace(v, w, here, dt, heading_share, path):
 
 
 @njit(cache=True)
-def _until_contact(path, last, stride, circles, reach, limit, points, nearest):
-    """Steps up to `last` before a circle's centre comes within `limit` of a point; least distance until then."""
+def _until_contact(path, last, stride, half_size, reach, limit, points, nearest):
+    """Steps up to `last` before the core comes within `limit` of a point; least distance until then."""
     for k in range(1, last + 1):
         best = nearest
         best_square = best * best
         for j in range(points.shape[0]):
-            # A point at range r from the start cannot be nearer than this to any circle by now.
+            # A point at range r from the start cannot be nearer than this to the core by now.
             if points[j, 2] - k * stride - reach >= best:
                 break
-            for c in range(circles.shape[0]):
-                dx = points[j, 0] - path[k, 0] - circles[c] * path[k, 3]
-                dy = points[j, 1] - path[k, 1] - circles[c] * path[k, 4]
-                square = dx * dx + dy * dy
-                if square < best_square:
-                    best_square = square
-                    best = math.sqrt(square)
+            dx, dy = points[j, 0] - path[k, 0], points[j, 1] - path[k, 1]
+            along = max(abs(path[k, 3] * dx + path[k, 4] * dy) - half_size[0], 0.0)
+            across = max(abs(path[k, 3] * dy - path[k, 4] * dx) - half_size[1], 0.0)
+            square = along * along + across * across
+            if square < best_square:
+                best_square = square
+                best = math.sqrt(square)
         if best < limit:
             return k - 1, nearest
         nearest = best
@@ -127,18 +132,16 @@ def _until_contact(path, last, stride, circles, reach, limit, points, nearest):
 
 
 @njit(cache=True)
-def _until_moving(path, dt, circles, discs):
-    """Steps before a circle's centre comes within a moving disc's contact distance."""
+def _until_moving(path, dt, half_size, discs):
+    """Steps before the core comes within a moving disc's contact distance."""
     last = path.shape[0] - 1
     for j in range(discs.shape[0]):
         for k in range(1, last + 1):
-            disc_x, disc_y = discs[j, 0] + discs[j, 2] * k * dt, discs[j, 1] + discs[j, 3] * k * dt
-            gap = np.inf
-            for c in range(circles.shape[0]):
-                dx = disc_x - path[k, 0] - circles[c] * path[k, 3]
-                dy = disc_y - path[k, 1] - circles[c] * path[k, 4]
-                gap = min(gap, math.sqrt(dx * dx + dy * dy))
-            if gap < discs[j, 4]:
+            dx = discs[j, 0] + discs[j, 2] * k * dt - path[k, 0]
+            dy = discs[j, 1] + discs[j, 3] * k * dt - path[k, 1]
+            along = max(abs(path[k, 3] * dx + path[k, 4] * dy) - half_size[0], 0.0)
+            across = max(abs(path[k, 3] * dy - path[k, 4] * dx) - half_size[1], 0.0)
+            if math.sqrt(along * along + across * across) < discs[j, 4]:
                 last = k - 1
                 break
     return last
@@ -169,14 +172,14 @@ def _until_bad_ground(path, last, wheels, elevation, forbidden, origin, bad_star
 
 
 @njit(cache=True)
-def _least_distance(pose, circles, points):
-    """From the nearest circle's centre to the nearest point."""
+def _least_distance(pose, half_size, points):
+    """From the core to the nearest point."""
     best = np.inf
     for j in range(points.shape[0]):
-        for c in range(circles.shape[0]):
-            dx = points[j, 0] - pose[0] - circles[c] * pose[3]
-            dy = points[j, 1] - pose[1] - circles[c] * pose[4]
-            best = min(best, math.sqrt(dx * dx + dy * dy))
+        dx, dy = points[j, 0] - pose[0], points[j, 1] - pose[1]
+        along = max(abs(pose[3] * dx + pose[4] * dy) - half_size[0], 0.0)
+        across = max(abs(pose[3] * dy - pose[4] * dx) - half_size[1], 0.0)
+        best = min(best, math.sqrt(along * along + across * across))
     return best
 
 

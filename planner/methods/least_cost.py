@@ -32,7 +32,7 @@ class LeastCostConfig:
     look_ahead: float = 2.0
     nearest_waypoint: float = 0.6
     detour: float = 1.1
-    points_per_metre: float = 12.0
+    points_per_metre: float = 10.0
     loyalty: float = 0.08
     patience: float = 4.0
     cost: CostConfig = field(default_factory=CostConfig)
