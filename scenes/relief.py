@@ -116,7 +116,7 @@ class Pond:
         return cls(water, np.asarray(distance))
 
     def filled(self, ground: Heightmap, bank: float) -> Heightmap:
-        """A flat water level, dug below all its shore, with banks that ease into the land over `bank` metres."""
+        """A flat water level, dug below its shore, with banks that ease into the land over `bank` metres."""
         level = float(ground.heights[self.distance < SHORE].min()) - 0.05
         banked = _blended(ground, level + 0.04, _ease(self.distance / bank))
         return replace(ground, heights=np.where(self.water, level, banked.heights))

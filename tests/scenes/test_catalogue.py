@@ -87,4 +87,6 @@ def rim(outline: Footprint) -> np.ndarray:
         ring = np.hstack([np.cos(angle), np.sin(angle)])
         return (outline.x, outline.y) + 0.5 * outline.length * ring
     corners = outline.corners
-    return np.vstack([a + share * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
+    return np.vstack(
+        [a + share * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    )

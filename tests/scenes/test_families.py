@@ -37,7 +37,12 @@ def test_a_seed_gives_one_document(family):
 
 @pytest.mark.parametrize(
     ("family", "low", "high"),
-    [(Family.NORMAL, 0.1, 5.0), (Family.LOW, 0.3, 1.0), (Family.LOW_HIGH, 1.0, 3.0), (Family.FOREST, 4.0, 7.0)],
+    [
+        (Family.NORMAL, 0.1, 5.0),
+        (Family.LOW, 0.3, 1.0),
+        (Family.LOW_HIGH, 1.0, 3.0),
+        (Family.FOREST, 4.0, 7.0),
+    ],
 )
 def test_relief_is_the_family_s(family, low, high):
     for seed in SEEDS:

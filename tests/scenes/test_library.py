@@ -66,5 +66,7 @@ def test_the_paper_s_figure():
 
 
 def test_an_unknown_name_is_answered_with_the_names_there_are():
-    with pytest.raises(ScenarioError, match="no shipped scenario is called 'moon'; there are boulder-field, "):
+    with pytest.raises(
+        ScenarioError, match="no shipped scenario is called 'moon'; there are boulder-field, "
+    ):
         load_shipped("moon")

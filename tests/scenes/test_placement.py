@@ -107,7 +107,9 @@ def test_observers_stand_free_off_the_route_and_face_it(count, seed):
 def test_observers_prefer_high_ground():
     level = flat(41, 0.5)
     x, y = level.xy()
-    hill = Heightmap(4.0 * np.exp(-((x - 4.0) ** 2 + (y - 6.0) ** 2) / 8.0), 0.5, level.surface, level.quality)
+    hill = Heightmap(
+        4.0 * np.exp(-((x - 4.0) ** 2 + (y - 6.0) ** 2) / 8.0), 0.5, level.surface, level.quality
+    )
     heights = [
         float(hill.height_at(watcher.x, watcher.y))
         for seed in range(10)

@@ -66,7 +66,7 @@ def test_a_graded_trail_is_gentler_than_the_land():
 def test_water_is_level_with_its_shore_above():
     ground = hilly()
     pond = Pond.at(np.random.default_rng(2), ground, 3.0, 3.0, radius=3.0)
-    filled = pond.filled(ground, bank=3.0)
+    filled = pond.filled(ground, bank=6.0)
     level = filled.heights[pond.water]
     assert np.ptp(level) == 0.0
     near = (pond.distance > 0.0) & (pond.distance < SHORE)

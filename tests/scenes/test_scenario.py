@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from small import document, scenario
 
 from scenes.catalogue import CATALOGUE, CoverKind
@@ -118,14 +117,20 @@ def check_refused(tmp_path):
     return check
 
 
-NOT_A_NUMBER = [("NaN", "finite"), ("1e400", "finite"), ("-Infinity", "finite"), ("true", "number"),
-                ('"3"', "number"), ("null", "number"), ("[1]", "number"), ("1e30", "or equal to")]  # fmt: skip
+NOT_A_NUMBER = [
+    ("NaN", "finite"),
+    ("1e400", "finite"),
+    ("-Infinity", "finite"),
+    ("true", "number"),
+    ('"3"', "number"),
+    ("null", "number"),
+    ("[1]", "number"),
+    ("1e30", "or equal to"),
+]
 
 
 @pytest.mark.parametrize(("literal", "reason"), NOT_A_NUMBER)
-@pytest.mark.parametrize(
-    ("field", "before"), [("goal.x", '"goal": {"x": 6.0'), ("start.yaw", '"yaw": 0.0')]
-)
+@pytest.mark.parametrize(("field", "before"), [("goal.x", '"goal": {"x": 6.0'), ("start.yaw", '"yaw": 0.0')])
 def test_a_number_must_be_a_finite_bounded_number(check_refused, field, before, literal, reason):
     text = json.dumps(document()).replace(before, before.rsplit(" ", 1)[0] + " " + literal)
     assert literal in text
@@ -183,7 +188,9 @@ def terrain_with(**fields: Any) -> dict[str, Any]:
         (terrain_with(source={"kind": "moon"}), "terrain.source: ", "'generated', 'survey'"),
     ],
 )
-def test_an_unusable_document_is_refused_with_its_place_and_what_would_be_right(check_refused, changes, place, remedy):
+def test_an_unusable_document_is_refused_with_its_place_and_what_would_be_right(
+    check_refused, changes, place, remedy
+):
     check_refused(json.dumps(document() | changes), place, remedy)
 
 

@@ -65,7 +65,9 @@ def test_fitting_keeps_the_depth_below_ground(length, width, height):
     assert points[:, 2].min() == -1.0
 
 
-@pytest.mark.parametrize("shade", [lambda s: s.mottled(np.random.default_rng(1), 0.5), lambda s: s.shaded(0, 3)])
+@pytest.mark.parametrize(
+    "shade", [lambda s: s.mottled(np.random.default_rng(1), 0.5), lambda s: s.shaded(0, 3)]
+)
 def test_shades_stay_colours(shade):
     colours = shade(CLOSED["ball"]).colours
     assert colours.min() >= 0.0 and colours.max() <= 255.0 and len(np.unique(colours)) > 1
