@@ -15,6 +15,9 @@ from scenes.robot import HUSKY
 COVER_DISTANCE = 10.0
 CONFIDENCE_THRESHOLD = 0.85
 
+Place = tuple[float, float]
+Eye = tuple[float, float, float]
+
 _PAPER_CLASSES = frozenset(
     {"tree", "bush", "rock", "cottage", "building", "house", "disabled vehicle"}
     | {"trees", "bushes", "rocks", "cottages", "buildings", "houses", "disabled vehicles"}
@@ -135,16 +138,16 @@ class CoverChoice:
     cannot see a robot there, `score` is higher for better."""
 
     cover: CoverEstimate
-    spot: tuple[float, float]
+    spot: Place
     hidden_from: int
     score: float
 
 
 def choose_cover(
     cover: Sequence[CoverEstimate],
-    robot: tuple[float, float],
-    goal: tuple[float, float],
-    eyes: Sequence[tuple[float, float, float]] = (),
+    robot: Place,
+    goal: Place,
+    eyes: Sequence[Eye] = (),
     *,
     max_distance: float = 15.0,
 ) -> CoverChoice | None:
@@ -170,7 +173,9 @@ def choose_cover(
     return best
 
 
-def _rated(candidate, robot, goal, eyes, max_distance) -> CoverChoice:
+def _rated(
+    candidate: CoverEstimate, robot: Place, goal: Place, eyes: Sequence[Eye], max_distance: float
+) -> CoverChoice:
     centre = (candidate.x, candidate.y)
     spot = _spot_behind(candidate, robot, eyes)
     hidden = sum(_hides(candidate, eye, spot) for eye in eyes)
@@ -182,7 +187,7 @@ def _rated(candidate, robot, goal, eyes, max_distance) -> CoverChoice:
     return CoverChoice(candidate, spot, hidden, nearness + on_the_way + size + 2.0 * visibility)
 
 
-def _spot_behind(candidate, robot, eyes) -> tuple[float, float]:
+def _spot_behind(candidate: CoverEstimate, robot: Place, eyes: Sequence[Eye]) -> Place:
     centre = (candidate.x, candidate.y)
     stand_off = 0.5 * candidate.width + HUSKY.length
     if candidate.kind is CoverKind.TREE:
@@ -197,7 +202,7 @@ def _spot_behind(candidate, robot, eyes) -> tuple[float, float]:
     return centre[0] + stand_off * dx / length, centre[1] + stand_off * dy / length
 
 
-def _hides(candidate, eye, spot) -> bool:
+def _hides(candidate: CoverEstimate, eye: Eye, spot: Place) -> bool:
     """Whether the cover, taken as an upright screen, stands between the eye and a robot at the spot."""
     to_cover = math.dist(eye[:2], (candidate.x, candidate.y))
     to_spot = math.dist(eye[:2], spot)

@@ -55,7 +55,10 @@ def sight(
     half of what its class usually is), for only its near face is seen; z is that of its lowest pixels.
     Each object that is judged draws twice from `rng`, whether it is missed or not.
     """
-    found = (_sighting(image, body, pixels, pose_world_base, frame_id, rng) for body, pixels in _masks(image, bodies))
+    found = (
+        _sighting(image, body, pixels, pose_world_base, frame_id, rng)
+        for body, pixels in _masks(image, bodies)
+    )
     return tuple(sighting for sighting in found if sighting is not None)
 
 
@@ -87,7 +90,7 @@ def _masks(image: CameraImage, bodies: Sequence[Body]) -> Iterator[tuple[Body, n
     borders = np.flatnonzero(np.diff(labels[pixels])) + 1
     for mask in np.split(pixels, borders):
         if len(mask) >= MIN_PIXELS:
-            yield bodies[labels[mask[0]]], mask
+            yield bodies[int(labels[mask[0]])], mask
 
 
 def _sighting(
@@ -103,9 +106,9 @@ def _sighting(
     cut_wide = x_min == 0 or x_max == image.intrinsics.width - 1
     cut_high = y_min == 0 or y_max == image.intrinsics.height - 1
     # What the image's edge cuts off may be large: a cut side is not held against the object.
-    least_width, least_height = HUSKY.width * cut_wide, HUSKY.height * cut_high
+    wide, high = max(width, HUSKY.width * cut_wide), max(height, HUSKY.height * cut_high)
     kind = _KINDS[body.class_id]
-    if not CATALOGUE[kind].conceals(max(width, least_width), max(height, least_height), HUSKY.width, HUSKY.height):
+    if not CATALOGUE[kind].conceals(wide, high, HUSKY.width, HUSKY.height):
         return None
     box = _thinned(y_min, y_max), _thinned(x_min, x_max)
     hidden = float(np.mean((image.body[box] != body.index) & (image.depth[box] < depth - 0.5)))
@@ -128,9 +131,7 @@ def _thinned(first: int, last: int) -> slice:
     return slice(first, last + 1, max((last - first) // 20, 1))
 
 
-def _position(
-    points: np.ndarray, kind: CoverKind, width: float, robot: np.ndarray
-) -> tuple[float, float]:
+def _position(points: np.ndarray, kind: CoverKind, width: float, robot: np.ndarray) -> tuple[float, float]:
     """Where an object is whose near face shows world `points` (n, 3) to a robot at (3,)."""
     middle = np.median(points[:, :2], axis=0)
     view = middle - robot[:2]
@@ -139,7 +140,9 @@ def _position(
     return float(middle[0]), float(middle[1])
 
 
-def _confidence(depth: float, pixels: int, cuts: int, hidden: float, rng: np.random.Generator) -> float | None:
+def _confidence(
+    depth: float, pixels: int, cuts: int, hidden: float, rng: np.random.Generator
+) -> float | None:
     """Simulated confidence, or None for a miss. About 0.96 for a large object in full view within 5 m,
     0.85 at 14 m, less when it is small, cut off or hidden."""
     few = max(1.0 - pixels / 200.0, 0.0)

@@ -84,24 +84,25 @@ def elevation_patch(grid: GridMap, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     unknown = np.isnan(height)
     if unknown.all():
         return np.zeros((PATCH_CELLS, PATCH_CELLS), np.float32), unknown
-    nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
-    return (height[tuple(nearest)] - pose.z).astype(np.float32), unknown
+    nearest = np.asarray(distance_transform_edt(unknown, return_distances=False, return_indices=True))
+    return (height[nearest[0], nearest[1]] - pose.z).astype(np.float32), unknown
 
 
 class ElevationMap:
     """Fuses scans into the window about the robot.
 
     Ground is kept apart from what stands on it and from what hangs above the robot (a tree's crown), which
-    neither raises the ground nor blocks; water blocks where a camera has told it. What later scans look through fades; what leaves the window is
-    forgotten. The lowest beam of a VLP-16 meets flat ground 2.8 m away: nearer cells are unknown until the
-    robot has come by, except those it stands on.
+    neither raises the ground nor blocks; water blocks where a camera has told it. What later scans look
+    through fades; what leaves the window is forgotten. The lowest beam of a VLP-16 meets flat ground 2.8 m
+    away: nearer cells are unknown until the robot has come by, except those it stands on and those that a
+    depth image shows.
     """
 
-    def __init__(self, x: float, y: float, config: MapConfig = MapConfig()):  # noqa: B008 - frozen
-        self.config = config
-        self.x_min, self.y_min = window_origin(x, y, config)
+    def __init__(self, x: float, y: float, config: MapConfig | None = None):
+        self.config = config or MapConfig()
+        self.x_min, self.y_min = window_origin(x, y, self.config)
         self.turn = 0
-        self._cells = np.tile(kernels.EMPTY, (config.cells, config.cells, 1))
+        self._cells = np.tile(kernels.EMPTY, (self.config.cells, self.config.cells, 1))
 
     def move_to(self, x: float, y: float) -> None:
         """Roll the window by whole cells so that the robot at (x, y) is near its middle."""
@@ -182,7 +183,8 @@ class ElevationMap:
 
     def _cells_near(self, x: float, y: float, radius: float) -> Iterator[tuple[int, int]]:
         reach = math.ceil(radius / self.config.resolution)
-        row, col = round((y - self.y_min) / self.config.resolution), round((x - self.x_min) / self.config.resolution)
+        row = round((y - self.y_min) / self.config.resolution)
+        col = round((x - self.x_min) / self.config.resolution)
         size = range(self.config.cells)
         for r in range(row - reach, row + reach + 1):
             for c in range(col - reach, col + reach + 1):

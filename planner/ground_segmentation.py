@@ -95,7 +95,7 @@ def _segment_column(distance, height, mast, ground_d, ground_z, labels, expected
     foot_d, foot_z = -1.0, 0.0
     last = -1
     for i in range(len(height)):
-        if not height[i] == height[i]:  # NaN
+        if np.isnan(height[i]):
             continue
         d, z = distance[i], height[i]
         below = _expected_ground(d, ground_d, ground_z, known)

@@ -3,6 +3,7 @@ sensors would have it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -60,10 +61,11 @@ def _mark(blocked: np.ndarray, thing: CoverObject, x_min: float, y_min: float, r
     outline = thing.footprint
     reach = outline.radius + resolution
     rows, cols = blocked.shape
-    first = np.clip(np.floor((np.array([outline.y - y_min, outline.x - x_min]) - reach) / resolution), 0, None)
-    last = np.ceil((np.array([outline.y - y_min, outline.x - x_min]) + reach) / resolution)
-    row = np.arange(int(first[0]), min(int(last[0]) + 1, rows))
-    col = np.arange(int(first[1]), min(int(last[1]) + 1, cols))
+    south, west = outline.y - y_min - reach, outline.x - x_min - reach
+    span = math.ceil(2.0 * reach / resolution) + 1
+    first_row, first_col = math.floor(south / resolution), math.floor(west / resolution)
+    row = np.arange(max(first_row, 0), min(first_row + span + 1, rows))
+    col = np.arange(max(first_col, 0), min(first_col + span + 1, cols))
     if not len(row) or not len(col):
         return
     x, y = np.meshgrid(x_min + col * resolution, y_min + row * resolution)

@@ -43,7 +43,7 @@ class Perceiver:
         scenario: Scenario,
         perception: Perception = Perception.LIDAR,
         rng: np.random.Generator | None = None,
-        config: MapConfig = MapConfig(),  # noqa: B008 - frozen
+        config: MapConfig | None = None,
     ):
         self.perception = perception
         self.scan_points = np.zeros((0, 3), np.float32)
@@ -82,7 +82,8 @@ class Perceiver:
             self._look(rays, pose, estimate)
         self._tick += 1
         return self._percept(
-            time_s, estimate, measured, goal, self._map.grid(), moving, self._detections, self._memory.estimates
+            time_s, estimate, measured, goal, self._map.grid(), moving,
+            self._detections, self._memory.estimates,
         )
 
     def _scan(self, rays: RayScene, pose: Pose, estimate: Pose, time_s: float) -> tuple[TrackedObstacle, ...]:

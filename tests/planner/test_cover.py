@@ -19,7 +19,8 @@ NAMES = (*PAPER, "grass", "fence", "person", "treehouse")
 coordinates = st.floats(-15.0, 15.0)
 points = st.tuples(coordinates, coordinates, coordinates)
 objects = st.lists(
-    st.tuples(st.sampled_from(NAMES), points, st.sampled_from([0.0, 0.5, 0.8499, 0.85, 0.9, 1.0])), max_size=12
+    st.tuples(st.sampled_from(NAMES), points, st.sampled_from([0.0, 0.5, 0.8499, 0.85, 0.9, 1.0])),
+    max_size=12,
 )
 
 
@@ -41,7 +42,9 @@ def published(object_classes, object_locations, robot_location, confidences):
 @given(objects, points)
 def test_it_is_the_published_algorithm(found, robot):
     classes, locations, confidences = ([thing[k] for thing in found] for k in range(3))
-    assert detect_cover(classes, locations, robot, confidences) is published(classes, locations, robot, confidences)
+    assert detect_cover(classes, locations, robot, confidences) is published(
+        classes, locations, robot, confidences
+    )
 
 
 @given(objects, points)
@@ -64,7 +67,9 @@ def test_height_counts_as_distance():
     assert not detect_cover(["trees"], [(6.0, 6.0, 6.0)], (0.0, 0.0, 0.0), [1.0])
 
 
-@pytest.mark.parametrize("name", [*PAPER, "Rock", "rock", "TREE", "Disabled Vehicle", "disabled_vehicle", " house "])
+@pytest.mark.parametrize(
+    "name", [*PAPER, "Rock", "rock", "TREE", "Disabled Vehicle", "disabled_vehicle", " house "]
+)
 def test_the_paper_s_and_the_catalogue_s_spellings_are_cover(name):
     assert is_cover_class(name)
 
@@ -75,7 +80,9 @@ def test_other_classes_are_not(name):
 
 
 def test_every_class_of_the_catalogue_but_the_fence_is_cover():
-    assert {kind for kind, entry in CATALOGUE.items() if not is_cover_class(entry.class_name)} == {CoverKind.FENCE}
+    assert {kind for kind, entry in CATALOGUE.items() if not is_cover_class(entry.class_name)} == {
+        CoverKind.FENCE
+    }
 
 
 def test_nothing_seen_is_no_cover():

@@ -49,7 +49,9 @@ def test_every_kind_of_cover_is_reported_as_the_listing_has_it(kind):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
-@pytest.mark.parametrize(("kind", "within"), [("bush", 0.4), ("tree", 0.8), ("rock", 0.5), ("disabled_vehicle", 1.5)])
+@pytest.mark.parametrize(
+    ("kind", "within"), [("bush", 0.4), ("tree", 0.8), ("rock", 0.5), ("disabled_vehicle", 1.5)]
+)
 def test_positions_are_in_the_world(kind, within, yaw):
     x, y = 3.0 + 8.0 * math.cos(yaw), -2.0 + 8.0 * math.sin(yaw)
     (found,) = Scene(thing(kind, x, y), pose=Pose(3.0, -2.0, 0.0, yaw=yaw)).detect()
@@ -88,11 +90,15 @@ def test_confidence_falls_with_distance_across_the_threshold():
 
 
 def test_confidence_falls_with_few_pixels():
-    assert mean_confidence(Scene(thing("bush", 15.0, 0.0))) < mean_confidence(Scene(thing("house", 15.0, 0.0)))
+    assert mean_confidence(Scene(thing("bush", 15.0, 0.0))) < mean_confidence(
+        Scene(thing("house", 15.0, 0.0))
+    )
 
 
 def test_confidence_falls_when_something_stands_before_it():
-    hidden = Scene(thing("cottage", 12.0, 0.0), thing("rock", 6.0, 0.0, id=2, length=2.0, width=2.0, height=2.0))
+    hidden = Scene(
+        thing("cottage", 12.0, 0.0), thing("rock", 6.0, 0.0, id=2, length=2.0, width=2.0, height=2.0)
+    )
     of_cottage = [f.confidence for image in hidden.often() for f in image if f.object_id == 1]
     assert np.mean(of_cottage) < mean_confidence(Scene(thing("cottage", 12.0, 0.0))) - 0.02
 

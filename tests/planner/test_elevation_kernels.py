@@ -27,7 +27,8 @@ def fuse(cells, points, labels, turn=1.0, clearance=0.6):
 def test_ground_is_the_weighted_mean_and_spread_of_its_returns(seed):
     rng = np.random.default_rng(seed)
     points = np.stack(
-        [rng.uniform(-0.5, 3.5, (8, 5)), rng.uniform(-0.5, 3.0, (8, 5)), rng.uniform(1.0, 1.2, (8, 5))], axis=-1
+        [rng.uniform(-0.5, 3.5, (8, 5)), rng.uniform(-0.5, 3.0, (8, 5)), rng.uniform(1.0, 1.2, (8, 5))],
+        axis=-1,
     )
     labels = rng.choice(np.array([GROUND, UNCLEAR], np.uint8), (8, 5))
     cells = empty()
@@ -70,7 +71,11 @@ def test_lower_ground_replaces_what_was_taken_for_ground():
 
 def test_returns_far_above_known_ground_stand_on_it():
     cells = empty()
-    fuse(cells, np.array([[[1.0, 1.0, 0.0], [1.0, 1.0, 0.5], [1.0, 1.0, 2.0]]]), np.full((1, 3), GROUND, np.uint8))
+    fuse(
+        cells,
+        np.array([[[1.0, 1.0, 0.0], [1.0, 1.0, 0.5], [1.0, 1.0, 2.0]]]),
+        np.full((1, 3), GROUND, np.uint8),
+    )
     cell = cells[2, 2]
     assert cell[ek.MEAN] == 0.0
     assert (cell[ek.FOOT], cell[ek.TOP], cell[ek.EVIDENCE]) == (0.5, 0.5, 1.0)
@@ -187,7 +192,9 @@ def test_filling_follows_its_plain_twin(seed, gaps, max_gap):
     elevation, variance = rng.normal(size=(9, 8)), rng.uniform(0.0, 0.1, (9, 8))
     elevation[rng.random((9, 8)) < gaps] = np.nan
     for ours, plain in zip(
-        ek.fill_gaps(elevation, variance, 0.2, max_gap), plain_fill(elevation, variance, 0.2, max_gap), strict=True
+        ek.fill_gaps(elevation, variance, 0.2, max_gap),
+        plain_fill(elevation, variance, 0.2, max_gap),
+        strict=True,
     ):
         np.testing.assert_allclose(ours, plain, rtol=0.0, atol=1e-12)
 
@@ -228,7 +235,9 @@ def test_judging_what_stands_follows_its_plain_twin(seed, unknown):
     cells[:, :, ek.HANG] = np.where(rng.random(shape) < 0.5, rng.uniform(0.0, 3.0, shape), np.inf)
     elevation = np.where(rng.random(shape) < unknown, np.nan, rng.uniform(-0.3, 0.3, shape))
     for ours, plain in zip(
-        ek.standing_things(cells, elevation, 0.6, 0.15), plain_standing(cells, elevation, 0.6, 0.15), strict=True
+        ek.standing_things(cells, elevation, 0.6, 0.15),
+        plain_standing(cells, elevation, 0.6, 0.15),
+        strict=True,
     ):
         np.testing.assert_array_equal(ours, plain)
 

@@ -61,7 +61,9 @@ def test_drivable_ground_is_mapped_and_nothing_blocks_there(name, sigma):
 
 
 @pytest.mark.parametrize("name", ["flat", "uphill", "along the slope"])
-@pytest.mark.parametrize("kind", ["tree", "bush", "rock", "cottage", "building", "house", "disabled_vehicle", "fence"])
+@pytest.mark.parametrize(
+    "kind", ["tree", "bush", "rock", "cottage", "building", "house", "disabled_vehicle", "fence"]
+)
 def test_what_stands_in_the_way_blocks_and_only_there(kind, name):
     heightmap, cover = ground(GROUNDS[name]), thing(kind, 6.0, 1.0, yaw=90.0)
     grid = drive(heightmap, [cover])[0].grid()

@@ -69,7 +69,9 @@ def plain_segment(points, origin, base, gradient):
     labels, expected = np.zeros(points.shape[:2], np.uint8), np.full(points.shape[:2], np.nan)
     for c, column in enumerate(points):
         returns = [
-            (i, float(np.hypot(*(p[:2] - origin[:2]))), float(p[2])) for i, p in enumerate(column) if np.isfinite(p[2])
+            (i, float(np.hypot(*(p[:2] - origin[:2]))), float(p[2]))
+            for i, p in enumerate(column)
+            if np.isfinite(p[2])
         ]
         if not returns:
             continue

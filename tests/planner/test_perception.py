@@ -1,4 +1,4 @@
-"""The percept: sensor mode and oracle mode give the same kind of picture, labelled, and alike where it counts."""
+"""The percept: sensor mode and oracle mode give the same kind of picture, labelled and alike."""
 
 import math
 import pickle
@@ -20,7 +20,16 @@ from planner.perception import (
 )
 from scenes.pose import Pose, Twist
 from scenes.rays import RayScene
-from scenes.scenario import GeneratedSource, MovingObstacle, Observer, ObstacleKind, Patrol, Point, Scenario, Terrain
+from scenes.scenario import (
+    GeneratedSource,
+    MovingObstacle,
+    Observer,
+    ObstacleKind,
+    Patrol,
+    Point,
+    Scenario,
+    Terrain,
+)
 
 GOAL = (12.0, 0.0)
 LIDAR, ORACLE = Perception.LIDAR, Perception.ORACLE
@@ -31,12 +40,19 @@ def scenario(cover=(), obstacles=(), observers=(), water=False) -> Scenario:
     cells = 161
     row = "".join("w" if water and 100 <= column < 112 else "g" for column in range(cells))
     terrain = Terrain(
-        resolution=0.25, heights=np.zeros((cells, cells)), surface=(row,) * cells,
+        resolution=0.25,
+        heights=np.zeros((cells, cells)),
+        surface=(row,) * cells,
         source=GeneratedSource(family="normal", seed=0),
     )
     return Scenario(
-        name="field", terrain=terrain, start={"x": 0.0, "y": 0.0}, goal={"x": 12.0, "y": 0.0},
-        cover=cover, obstacles=obstacles, observers=observers,
+        name="field",
+        terrain=terrain,
+        start={"x": 0.0, "y": 0.0},
+        goal={"x": 12.0, "y": 0.0},
+        cover=cover,
+        obstacles=obstacles,
+        observers=observers,
     )
 
 
@@ -79,7 +95,10 @@ def test_both_modes_map_the_same_cells():
     document = scenario()
     sensed, true = (Robot(document, mode).look().grid for mode in (LIDAR, ORACLE))
     assert (sensed.x_min, sensed.y_min, sensed.resolution, sensed.shape) == (
-        true.x_min, true.y_min, true.resolution, true.shape,
+        true.x_min,
+        true.y_min,
+        true.resolution,
+        true.shape,
     )
     assert np.abs((sensed.elevation - true.elevation)[~sensed.unknown & ~true.unknown]).max() < 0.05
 
