@@ -79,7 +79,8 @@ def _add_stream(app: FastAPI, studio: Studio) -> None:
 
 
 def _add_pages(app: FastAPI) -> None:
-    @app.api_route("/healthz", methods=["GET", "HEAD"], tags=["studio"])
+    @app.head("/healthz", include_in_schema=False)
+    @app.get("/healthz", tags=["studio"])
     async def healthz() -> dict[str, str]:
         """Whether the server answers; needs no session."""
         return {"status": "ok"}

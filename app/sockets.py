@@ -15,12 +15,13 @@ async def first_to_end(*coroutines: Coroutine[Any, Any, None]) -> None:
     """Run all until one ends, end the others, and raise what that one raised."""
     tasks = [asyncio.ensure_future(coroutine) for coroutine in coroutines]
     try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        ended = [task for task in tasks if task.done()]
     finally:
         for task in tasks:
             task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-    for task in done:
+        await asyncio.wait(tasks)
+    for task in ended:
         task.result()
 
 
