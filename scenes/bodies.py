@@ -30,8 +30,8 @@ robot turns in jerks of ±0.5 rad/s; with less than 0.4 it slides down a slope o
 WALL_HEIGHT, WALL_THICKNESS = 4.0, 4.0  # metres, over the highest ground
 
 
-def add_ground(client: Any, heightmap: Heightmap) -> int:
-    """The height field, in the split of `Heightmap.triangles`."""
+def add_ground(client: Any, heightmap: Heightmap, *, seen: bool = False) -> int:
+    """The height field, in the split of `Heightmap.triangles`; `seen` by Bullet's renderer, too."""
     heights = heightmap.heights.astype(np.float32)
     rows, columns = heights.shape
     shape = client.createCollisionShape(
@@ -45,7 +45,9 @@ def add_ground(client: Any, heightmap: Heightmap) -> int:
     )
     # Bullet centres a height field on the middle of its range.
     middle = 0.5 * (float(heights.min()) + float(heights.max()))
-    return _add(client, shape, (0.0, 0.0, middle), friction=GROUND_FRICTION)
+    # A speck to look at spares the copy of the ground that Bullet would make for its renderer.
+    visual = -1 if seen else client.createVisualShape(client.GEOM_SPHERE, radius=1e-3)
+    return _add(client, shape, (0.0, 0.0, middle), friction=GROUND_FRICTION, visual=visual)
 
 
 def add_walls(client: Any, heightmap: Heightmap) -> None:

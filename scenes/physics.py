@@ -130,7 +130,7 @@ class World:
             deterministicOverlappingPairs=1,
             enableConeFriction=0,  # with it, friction of a turning wheel depends on its heading
         )
-        self._ground = add_ground(self._bullet, heightmap)
+        self._ground = add_ground(self._bullet, heightmap, seen=cover_meshes)
         add_walls(self._bullet, heightmap)
         self._robot, self._wheels = add_husky(self._bullet)
         self.set_cover(cover)
@@ -356,8 +356,9 @@ class World:
     def render_segmentation(
         self, pose_world_camera: Pose, width: int, height: int, fov_horizontal: float, max_range: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Bullet's software renderer: depth (height, width) float32 along the optical axis, inf where nothing
-        is, and labels (height, width) int32 as in `RayScene.bodies`, -1 for the rest."""
+        """Bullet's software renderer, in a world with `cover_meshes`: depth (height, width) float32 along the
+        optical axis, inf where nothing is, and labels (height, width) int32 as in `RayScene.bodies`, -1 for
+        the rest."""
         near = 0.05
         rotation = pose_world_camera.rotation
         eye = pose_world_camera.position
