@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,18 @@ class Pose:
     @classmethod
     def from_quaternion(cls, position, quaternion) -> Pose:
         """Build from a position (3,) and an (x, y, z, w) unit quaternion."""
-        yaw, pitch, roll = Rotation.from_quat(quaternion).as_euler("ZYX")
-        x, y, z = (float(v) for v in position)
-        return cls(x, y, z, float(roll), float(pitch), float(yaw))
+        x, y, z, w = (float(v) for v in quaternion)
+        ahead_x, ahead_y, ahead_z = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)
+        level = math.hypot(ahead_x, ahead_y)
+        pitch = math.atan2(-ahead_z, level)
+        if level > 1e-9:
+            yaw = math.atan2(ahead_y, ahead_x)
+            roll = math.atan2(2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y))
+        else:  # nose straight up or down: yaw and roll turn about one axis, and all of it is called yaw
+            yaw = math.atan2(-2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z))
+            roll = 0.0
+        east, north, up = (float(v) for v in position)
+        return cls(east, north, up, roll, pitch, yaw)
 
     @cached_property
     def position(self) -> np.ndarray:
@@ -35,12 +44,31 @@ class Pose:
     @cached_property
     def rotation(self) -> np.ndarray:
         """(3, 3): columns are the body's axes in the world."""
-        return Rotation.from_euler("ZYX", [self.yaw, self.pitch, self.roll]).as_matrix()
+        cr, sr = math.cos(self.roll), math.sin(self.roll)
+        cp, sp = math.cos(self.pitch), math.sin(self.pitch)
+        cy, sy = math.cos(self.yaw), math.sin(self.yaw)
+        return np.array(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )
 
     @cached_property
     def quaternion(self) -> np.ndarray:
         """(4,) as x, y, z, w."""
-        return Rotation.from_euler("ZYX", [self.yaw, self.pitch, self.roll]).as_quat()
+        cr, sr = math.cos(0.5 * self.roll), math.sin(0.5 * self.roll)
+        cp, sp = math.cos(0.5 * self.pitch), math.sin(0.5 * self.pitch)
+        cy, sy = math.cos(0.5 * self.yaw), math.sin(0.5 * self.yaw)
+        return np.array(
+            [
+                sr * cp * cy - cr * sp * sy,
+                cr * sp * cy + sr * cp * sy,
+                cr * cp * sy - sr * sp * cy,
+                cr * cp * cy + sr * sp * sy,
+            ]
+        )
 
     def to_world(self, points: np.ndarray) -> np.ndarray:
         """Points (n, 3) in the body frame, expressed in the world frame."""
@@ -48,10 +76,15 @@ class Pose:
 
     def compose(self, pose_body_part: Pose) -> Pose:
         """The world pose of a part that is mounted on this body at `pose_body_part`."""
-        rotation = Rotation.from_matrix(self.rotation @ pose_body_part.rotation)
-        return Pose.from_quaternion(
-            self.to_world(pose_body_part.position[None])[0], rotation.as_quat()
+        ax, ay, az, aw = self.quaternion
+        bx, by, bz, bw = pose_body_part.quaternion
+        product = (
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
         )
+        return Pose.from_quaternion(self.to_world(pose_body_part.position), product)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from scenes.pose import Pose, wrap_angle
 
@@ -34,6 +35,23 @@ def test_a_quaternion_gives_the_same_rotation_back(pose: Pose) -> None:
     again = Pose.from_quaternion(pose.position, pose.quaternion)
     np.testing.assert_allclose(again.rotation, pose.rotation, atol=1e-9)
     np.testing.assert_array_equal(again.position, pose.position)
+
+
+@given(POSES)
+def test_rotations_are_those_of_scipy(pose: Pose) -> None:
+    expected = Rotation.from_euler("ZYX", [pose.yaw, pose.pitch, pose.roll])
+    np.testing.assert_allclose(pose.rotation, expected.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(
+        Rotation.from_quat(pose.quaternion).as_matrix(), expected.as_matrix(), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2])
+@pytest.mark.parametrize("turned", [0.0, 0.7, -2.5])
+def test_with_its_nose_straight_up_or_down_the_rotation_is_kept(pitch: float, turned: float) -> None:
+    quaternion = Rotation.from_euler("ZYX", [turned, pitch, 0.3]).as_quat()
+    again = Pose.from_quaternion((0.0, 0.0, 0.0), quaternion)
+    np.testing.assert_allclose(again.rotation, Rotation.from_quat(quaternion).as_matrix(), atol=1e-6)
 
 
 @given(POSES, POSES, st.tuples(PLACES, PLACES, PLACES))
