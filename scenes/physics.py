@@ -210,25 +210,23 @@ class World:
         command = clipped(command)
         steps = round(duration_s / STEP_S)
         near = self._within_reach(duration_s)
-        touched: dict[Contact, None] = {}
+        touched: dict[int, Contact] = {}
         for _ in range(steps):
-            self._advance(command)
+            if self._steps % OBSTACLE_STEPS == 0:
+                # What has run into the robot does not go on through it.
+                self._place(pair for pair in self._walking if pair[1] not in touched)
+            self._turn_wheels(command)
+            self._bullet.stepSimulation()
+            self._steps += 1
             for body, contact in near.items():
-                if contact not in touched and self._touches(body):
-                    touched[contact] = None
-        self._touching = tuple(touched)
+                if body not in touched and self._touches(body):
+                    touched[body] = contact
+        self._touching = tuple(touched.values())
         self._check_robot()
 
     def _touches(self, body: int) -> bool:
         # Bullet also keeps pairs that are only near; their distance is positive.
         return any(point[8] <= 0.0 for point in self._bullet.getContactPoints(self._robot, body))
-
-    def _advance(self, command: Twist) -> None:
-        if self._steps % OBSTACLE_STEPS == 0:
-            self._place(self._walking)
-        self._turn_wheels(command)
-        self._bullet.stepSimulation()
-        self._steps += 1
 
     def _turn_wheels(self, command: Twist) -> None:
         matrix = self._bullet.getMatrixFromQuaternion(self._centre_pose()[1])
@@ -274,12 +272,16 @@ class World:
     def place_robot(self, x: float, y: float, yaw: float) -> None:
         """Stand the robot still on the ground at (x, y), facing `yaw`, all wheels down. Takes no time.
 
-        Raises ValueError where a number is not finite or the place is off the map.
+        Raises ValueError where a number is not finite or the place is off the map or inside cover.
         """
         if not all(map(math.isfinite, (x, y, yaw))):
             raise ValueError(f"the robot's place must be finite, got x={x}, y={y}, yaw={yaw}")
         if not self.heightmap.contains(x, y):
             raise ValueError(f"the robot cannot be placed at ({x:g}, {y:g}): that is off the map")
+        for thing, _ in self._cover.values():
+            if thing.footprint.distance(np.array([[x, y]]))[0] < 0.0:
+                what = f"{thing.kind.value} {thing.id}"
+                raise ValueError(f"the robot cannot be placed at ({x:g}, {y:g}): that is inside {what}")
         pose = standing_pose(self.heightmap, x, y, yaw)
         self._bullet.resetBasePositionAndOrientation(
             self._robot, pose.to_world(np.array(MASS_CENTRE)), pose.quaternion

@@ -175,6 +175,14 @@ def test_places_that_are_none_are_refused(flat_world: World, place, complaint) -
         flat_world.place_robot(*place)
 
 
+def test_the_robot_is_not_placed_inside_cover() -> None:
+    with (
+        World(ground(rows=49, columns=49), [thing("rock", 3, 0, id=6)]) as world,
+        pytest.raises(ValueError, match="inside rock 6"),
+    ):
+        world.place_robot(3.1, 0.0, 0.0)
+
+
 def test_time_is_counted_in_whole_steps() -> None:
     with World(ground(rows=33, columns=33), time_s=2.5) as world:
         assert world.time_s == pytest.approx(2.5)
@@ -220,6 +228,17 @@ def test_a_moving_obstacle_runs_into_a_standing_robot() -> None:
                 met = world.time_s
         assert world.touching() == (Contact("obstacle", 3),)
         assert met == pytest.approx((4.0 - 0.25 - 0.5) / 1.5, abs=0.15)
+
+
+@pytest.mark.parametrize("kind", ["person", "vehicle"])
+def test_what_runs_into_the_robot_at_speed_neither_buries_nor_throws_it(kind: str) -> None:
+    beat = Patrol(waypoints=(Point(x=10.0, y=0.0),), speed=10.0)
+    with World(ground(), obstacles=[MovingObstacle(id=3, kind=kind, x=-10.0, y=0.1, patrol=beat)]) as world:
+        while not world.touching():
+            world.step(Twist(), 0.1)
+            assert world.time_s < 2.0
+        assert abs(world.twist.v) < 12.0
+        assert abs(world.pose.z) < 0.3
 
 
 def test_cover_and_obstacles_are_replaced_while_the_robot_stays(flat_world: World) -> None:
