@@ -173,7 +173,7 @@ class RouteLayer:
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
         self._lines = Lines(scene, f"{root}/line", 0.05)
         self._waypoint = scene.add_icosphere(
-            f"{root}/waypoint", 0.13, palette.WAYPOINT, subdivisions=2, visible=False, cast_shadow=False
+            f"{root}/waypoint", 0.09, palette.WAYPOINT, subdivisions=2, visible=False, cast_shadow=False
         )
 
     def draw(self, frame: Frame, heightmap: Heightmap) -> None:

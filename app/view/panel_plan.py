@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from app.changes import Kind, Selection
@@ -12,6 +13,7 @@ from app.view.tools import Tool
 from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.scenario import ObstacleKind
 
+PAUSE_S = 1.5
 ROWS: tuple[tuple[str, dict[str, Tool]], ...] = (
     ("Drive", {"Goal": Tool.GOAL, "Start": Tool.START, "Robot": Tool.ROBOT}),
     ("Place", {"Observer": Tool.OBSERVER, "Cover": Tool.COVER, "Walker": Tool.OBSTACLE}),
@@ -42,6 +44,7 @@ class PlanTab:
         self._held: Selection | None = None
         self._shape: object = None
         self._widgets: dict[str, Any] = {}
+        self._entries, self._entered_at = 0, 0.0
         self.refresh()
 
     def _choose_cover(self, class_name: str) -> None:
@@ -105,10 +108,18 @@ class PlanTab:
     def _enter(self, held: Selection, field: Field, value: Any) -> None:
         try:
             changes = field.changes(self._studio.find(held), value)
-            tools.update(self._studio, held, changes, drag=f"{held.kind} {held.id} {field.name}")
+            tools.update(self._studio, held, changes, drag=self._entry(held, field))
         except Exception:
             self.refresh()
             raise
+
+    def _entry(self, held: Selection, field: Field) -> str:
+        """One undo entry for the keystrokes of a number, another for what is entered after a pause."""
+        now = time.monotonic()
+        if now - self._entered_at > PAUSE_S:
+            self._entries += 1
+        self._entered_at = now
+        return f"{held.kind} {held.id} {field.name} {self._entries}"
 
 
 def _fields(held: Selection | None, thing: Any) -> tuple[Field, ...]:

@@ -15,6 +15,7 @@ from scenes.terrain import Heightmap
 
 REACH = 20_000.0
 TARGET_RADIUS = 0.45
+HAIR = 1e-5
 POINTER_SLACK = 0.012
 """How far beside a figure a click still means it, metres for each metre of distance: about eight pixels."""
 
@@ -50,8 +51,9 @@ class Picker:
             raise ValueError("a click needs a ray with a finite origin and direction")
         along = along / length
         rays = self.rays(scenario, heightmap)
-        hits = rays.cast(start, along[None], REACH)
-        distance, body = float(hits.distance[0]), int(hits.body[0])
+        hits = rays.cast(start, _bundle(along), REACH)
+        hit = int(np.isfinite(hits.distance).argmax())
+        distance, body = float(hits.distance[hit]), int(hits.body[hit])
         thing = _nearest_target(start, along, distance, _targets(scenario, heightmap, frame))
         if thing is None and body >= 0 and rays.bodies[body].kind is BodyKind.COVER:
             thing = Selection(Kind.COVER, rays.bodies[body].id)
@@ -68,6 +70,12 @@ class Picker:
             self._rays.set_cover(scenario.cover)
         self._heightmap, self._cover = heightmap, scenario.cover
         return self._rays
+
+
+def _bundle(along: np.ndarray) -> np.ndarray:
+    """(3, 3) the ray and two a hair beside it: one ray alone may slip between two neighbouring triangles."""
+    rays = along + HAIR * np.array([(0.0, 0.0, 0.0), (1.0, -0.4, 0.3), (-0.6, 0.8, 0.5)])
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
 def _targets(

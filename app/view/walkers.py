@@ -19,7 +19,7 @@ from scenes.terrain import Heightmap
 
 EYE_OF_FIGURE = 1.6
 SIGHT_LIFT = 0.1
-SIGHT_FADE, FAINTEST = 5.0, 0.12
+SIGHT_FADE, FAINTEST = 5.0, 0.08
 SIGHT_PERIOD_S = 0.3
 
 

@@ -89,11 +89,11 @@ def camera() -> dict:
 
 
 def test_a_client_of_another_version_hears_what_viser_says_to_it(app):
-    with browser(app).websocket_connect(
-        SOCKET, subprotocols=["viser-v0.0.1"], headers=dict(BEARER)
-    ) as socket:
-        with pytest.raises(WebSocketDisconnect) as closed:
-            socket.receive_bytes()
+    with (
+        browser(app).websocket_connect(SOCKET, subprotocols=["viser-v0.0.1"], headers=dict(BEARER)) as socket,
+        pytest.raises(WebSocketDisconnect) as closed,
+    ):
+        socket.receive_bytes()
     assert closed.value.code == 1002 and "0.0.1" in closed.value.reason
 
 
