@@ -49,7 +49,7 @@ def _situation(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.nda
     """A robot's state (5,) in motion, a goal ahead of it (2,), and obstacles (15, 2) it can drive between."""
     state = np.array([0.0, 0.0, rng.uniform(-0.4, 0.4), rng.uniform(0.4, 0.8), rng.uniform(-0.2, 0.2)])
     goal = np.array([10.0, rng.uniform(-4.0, 4.0)])
-    angle, reach = rng.uniform(-math.pi, math.pi, OBSTACLES), rng.uniform(1.5, 8.0, OBSTACLES)
+    angle, reach = rng.uniform(-math.pi, math.pi, OBSTACLES), rng.uniform(2.5, 9.0, OBSTACLES)
     away = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)])
     return state, goal, away[np.argsort(np.abs(angle))]
 

@@ -126,7 +126,7 @@ def semantic_image() -> Result:
         peer_ms,
         f"pybullet TinyRenderer, {config.width} × {config.height} segmentation and depth",
         f"{_percent(image.body == labels)} of the pixels carry the same instance label; where both see "
-        f"something {_percent(near)} of the depths agree within 5 cm and 2 %",
+        f"something {_percent(near)} of the depths agree within 5 cm and a fiftieth",
     )
 
 
