@@ -7,7 +7,10 @@ import tempfile
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+MOST_FIELDS = 64
 
 
 def between(low: float, high: float) -> Any:
@@ -36,10 +39,27 @@ class ScenarioError(ValueError):
 class Document(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _few_fields(cls, data: Any) -> Any:
+        """A million unknown fields would each be looked at and reported, for many seconds."""
+        if isinstance(data, dict) and len(data) > MOST_FIELDS:
+            raise ValueError(f"has {len(data)} fields; at most {MOST_FIELDS} are read")
+        return data
+
+
+def several(most: int, least: int = 0) -> Any:
+    """Field constraint: from `least` to `most` items, of which the first bad one is reported alone."""
+    return Field(min_length=least, max_length=most, fail_fast=True)
+
 
 def first_message(error: ValidationError) -> str:
     """One line for the first problem of a pydantic error: the field's path and what is wrong there."""
-    problem = error.errors(include_url=False, include_input=False)[0]
+    return in_words(error.errors(include_url=False, include_input=False)[0])
+
+
+def in_words(problem: ErrorDetails) -> str:
+    """One line for one problem: the field's path and what is wrong there."""
     path = "".join(f"[{part}]" if isinstance(part, int) else f".{part:.80}" for part in problem["loc"])
     path = " ".join(path.removeprefix(".").split())
     message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "must be")

@@ -26,6 +26,7 @@ from scenes.document import (
     ScenarioError,
     between,
     first_message,
+    several,
     write_atomically,
 )
 from scenes.patrol import patrol_pose
@@ -79,7 +80,7 @@ class Start(Point):
 class Patrol(Document):
     """A beat from the walker's own position over the waypoints, back to the start or turning at the end."""
 
-    waypoints: Annotated[tuple[Point, ...], Field(min_length=1, max_length=MAX_WAYPOINTS)]
+    waypoints: Annotated[tuple[Point, ...], several(MAX_WAYPOINTS, least=1)]
     speed: Annotated[float, between(0.05, 20.0)] = 1.2
     loop: bool = True
 
@@ -186,9 +187,9 @@ class Scenario(Document):
     terrain: Terrain
     start: Start
     goal: Point
-    cover: Annotated[tuple[CoverObject, ...], Field(max_length=MAX_COVER)] = ()
-    observers: Annotated[tuple[Observer, ...], Field(max_length=MAX_OBSERVERS)] = ()
-    obstacles: Annotated[tuple[MovingObstacle, ...], Field(max_length=MAX_OBSTACLES)] = ()
+    cover: Annotated[tuple[CoverObject, ...], several(MAX_COVER)] = ()
+    observers: Annotated[tuple[Observer, ...], several(MAX_OBSERVERS)] = ()
+    obstacles: Annotated[tuple[MovingObstacle, ...], several(MAX_OBSTACLES)] = ()
 
     @model_validator(mode="after")
     def _places_make_sense(self) -> Scenario:

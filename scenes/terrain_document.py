@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainSerializer, PlainValidator, WithJsonSchema, model_validator
 
-from scenes.document import Document, Name, between
+from scenes.document import Document, Name, between, several
 from scenes.terrain import MAX_CELLS, MAX_HEIGHT, MIN_CELLS, Heightmap, Quality, Surface
 
 
@@ -83,7 +83,7 @@ HeightRows = Annotated[
     PlainSerializer(lambda heights: heights.tolist(), return_type=list),
     WithJsonSchema({"type": "array", "items": {"type": "array", "items": {"type": "number"}}}),
 ]
-SymbolRows = Annotated[tuple[Annotated[str, Field(max_length=MAX_CELLS)], ...], Field(max_length=MAX_CELLS)]
+SymbolRows = Annotated[tuple[Annotated[str, Field(max_length=MAX_CELLS)], ...], several(MAX_CELLS)]
 
 
 class Terrain(Document):

@@ -118,4 +118,4 @@ async def read_document(request: Request, model: type[Model]) -> Model:
     try:
         return await asyncio.to_thread(model.model_validate_json, body)
     except ValidationError as error:
-        raise RequestValidationError(error.errors(include_url=False, include_context=False)) from None
+        raise RequestValidationError(error.errors(include_url=False, include_input=False)) from None

@@ -16,7 +16,7 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 from app.changes import StudioError
 from app.security import SECURITY_HEADERS
 from app.store import StoreError, UnknownEntry
-from scenes.scenario import ScenarioError
+from scenes.document import ScenarioError, in_words
 
 log = logging.getLogger(__name__)
 
@@ -35,26 +35,18 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _ours)
 
 
-def in_words(problems: Sequence[Any]) -> str:
+def told(problems: Sequence[Any]) -> str:
     """Validation problems as text: each field's path and what would be right there."""
-    told = [_one_in_words(problem) for problem in problems[:MOST_PROBLEMS]]
+    lines = [_told(problem) for problem in problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
-        told.append(f"and {len(problems) - MOST_PROBLEMS} more")
-    return "; ".join(told).encode("utf-8", "replace").decode()
+        lines.append(f"and {len(problems) - MOST_PROBLEMS} more")
+    return "; ".join(lines).encode("utf-8", "replace").decode()
 
 
-def _one_in_words(problem: Any) -> str:
-    path = [f"{part!s:.80}" for part in problem["loc"]]
-    if len(path) > 1 and path[0] in PLACES:
-        path = path[1:]
-    match problem["type"]:
-        case "missing":
-            message = "is required"
-        case "extra_forbidden":
-            message = "is not a known field"
-        case _:
-            message = problem["msg"].removeprefix("Value error, ")
-    return f"{'.'.join(path)}: {message}" if path else message
+def _told(problem: Any) -> str:
+    place = problem["loc"]
+    inner = place[1:] if len(place) > 1 and place[0] in PLACES else place
+    return in_words(problem | {"loc": inner})
 
 
 def _answer(status: int, detail: str, headers: Any = None) -> JSONResponse:
@@ -62,7 +54,7 @@ def _answer(status: int, detail: str, headers: Any = None) -> JSONResponse:
 
 
 async def _invalid(request: Request, error: RequestValidationError) -> JSONResponse:
-    return _answer(422, in_words(error.errors()))
+    return _answer(422, told(error.errors()))
 
 
 async def _http(request: Request, error: HTTPException) -> JSONResponse:

@@ -155,5 +155,5 @@ def _options(fields: dict[str, str]) -> dict[str, Any]:
     try:
         options = ImportOptions.model_validate(given)
     except ValidationError as error:
-        raise RequestValidationError(error.errors(include_url=False, include_context=False)) from None
+        raise RequestValidationError(error.errors(include_url=False, include_input=False)) from None
     return options.model_dump(exclude_unset=True)
