@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import io
 import logging
+import os
 import shutil
 import signal
 import socket
@@ -33,7 +35,7 @@ from app.viewer_proxy import MAX_MESSAGE, Viewer
 from scenes.scenario import Scenario
 
 STATIC = Path(__file__).parents[1] / "static"
-FIRST_SCENARIO = "hamlet"
+FIRST_SCENARIO = "bush-truck-cottage"
 TITLE = "CoverNav Studio"
 GRACE_S = 3
 MOST_CONNECTIONS = 512
@@ -155,7 +157,7 @@ def _listening_socket(settings: Settings) -> socket.socket:
         family = socket.getaddrinfo(host, settings.port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, settings.port), family=family, backlog=128)
     except OSError as error:
-        reason = error.strerror or str(error)
+        reason = os.strerror(error.errno) if error.errno and error.errno > 0 else str(error)
         raise SettingsError(f"cannot listen on {settings.host} port {settings.port}: {reason}") from None
 
 
@@ -208,7 +210,6 @@ def _lifespan(studio: Studio, viser_server: viser.ViserServer) -> Lifespan[FastA
         finally:
             view.close()
             with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye
-                viser_server.stop()
-            await studio.close()
+                await asyncio.gather(asyncio.to_thread(viser_server.stop), studio.close())
 
     return live

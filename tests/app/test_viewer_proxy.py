@@ -1,4 +1,4 @@
-"""The way to viser and back: only through here, only what a visitor may send, and no reader holds up another."""
+"""The way to viser and back: only through here, and only what a visitor may send."""
 
 import asyncio
 import re
