@@ -12,6 +12,7 @@ from app.view.tone import for_screen, linear
 from scenes.terrain import Heightmap
 
 PARSE_S = 0.6
+SLOTS = 8
 _NOWHERE = np.zeros((1, 2, 3), np.float32)
 
 
@@ -21,21 +22,26 @@ class SwapGlb:
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
-        self._handle: viser.GlbHandle | None = None
-        self._turn = 0
+        self._slots: dict[int, viser.GlbHandle] = {}
+        self._shown: int | None = None
 
     def show(self, data: bytes | None) -> None:
         """Draw `data` instead of what was drawn, or nothing."""
-        old, self._handle = self._handle, None
+        old, self._shown = self._shown, None
         if data is not None:
-            self._turn += 1
-            self._handle = self._scene.add_glb(f"{self._name}/{self._turn}", data, cast_shadow=False)
-        if old is None:
-            return
-        if self._handle is None:
-            old.remove()
-        else:
-            asyncio.get_running_loop().call_later(PARSE_S, old.remove)
+            # few names in turn: viser remembers every name that ever was until somebody connects
+            self._shown = 0 if old is None else (old + 1) % SLOTS
+            name = f"{self._name}/{self._shown}"
+            self._slots[self._shown] = self._scene.add_glb(name, data, cast_shadow=False)
+        if old is not None and data is None:
+            self._remove(old, self._slots[old])
+        elif old is not None:
+            asyncio.get_running_loop().call_later(PARSE_S, self._remove, old, self._slots[old])
+
+    def _remove(self, slot: int, handle: viser.GlbHandle) -> None:
+        if self._slots.get(slot) is handle:
+            del self._slots[slot]
+            handle.remove()
 
 
 class Lines:

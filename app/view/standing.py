@@ -26,14 +26,14 @@ class CoverLayer:
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
         self._scene, self._root = scene, root
         self._nodes: dict[tuple[str, int], SwapGlb] = {}
-        self._drawn: dict[tuple[str, int], tuple[CoverObject, ...]] = {}
+        self._drawn: dict[tuple[str, int], tuple[CoverObject, ...] | None] = {}
         self._single: viser.GlbHandle | None = None
         self._single_shape: tuple | None = None
         self._heightmap: Heightmap | None = None
 
     def edit(self, scenario: Scenario, heightmap: Heightmap, selected: int | None) -> None:
         if heightmap is not self._heightmap:
-            self._drawn = dict.fromkeys(self._drawn, ())
+            self._drawn = dict.fromkeys(self._drawn)  # all of it stands elsewhere now
             self._heightmap = heightmap
         chunks: dict[tuple[str, int], list[CoverObject]] = defaultdict(list)
         for thing in scenario.cover:

@@ -57,7 +57,7 @@ def test_each_surface_has_its_own_colour_where_it_lies():
 
 
 def test_slopes_toward_the_sun_are_lighter():
-    y, x = np.mgrid[0:40, 0:40]
+    _, x = np.mgrid[0:40, 0:40]
     image = picture(ground(40, 40, heights=0.2 * np.abs(x - 20.0)))
     half = image.shape[1] // 2
     assert (

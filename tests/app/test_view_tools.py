@@ -70,7 +70,7 @@ def test_a_small_figure_is_hit_a_little_beside_it():
 
 
 def test_the_sky_is_no_place():
-    assert pick(EYE + (1.0, 1.0, 1.0)) == Pick(None, None)
+    assert pick(EYE + np.ones(3)) == Pick(None, None)
 
 
 @pytest.mark.parametrize(
