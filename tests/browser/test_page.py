@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import PATIENCE_MS
+from asking import PATIENCE_MS
 from PIL import Image
 from playwright.sync_api import FrameLocator, Page, expect
 
