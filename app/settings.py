@@ -44,9 +44,9 @@ class Settings(BaseModel):
         between commas. Raises SettingsError."""
         if token is None:
             token = os.environ.get(TOKEN_VARIABLE) or secrets.token_urlsafe(24)
-        hosts = [name.strip() for name in os.environ.get(HOSTS_VARIABLE, "").split(",") if name.strip()]
+        hosts = tuple(name.strip() for name in os.environ.get(HOSTS_VARIABLE, "").split(",") if name.strip())
         try:
-            return cls(token=token, **({"hosts": tuple(hosts)} | fields))
+            return cls.model_validate({"token": token, "hosts": hosts} | fields)
         except ValidationError as error:
             raise SettingsError(_in_words(error)) from None
 

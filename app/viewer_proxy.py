@@ -40,6 +40,7 @@ MAX_UPLOADS_AT_ONCE = 4
 STALL_S = 15.0
 SECRET_HEADER = "X-CoverNav-Viewer"
 SUBPROTOCOL_PREFIX = "viser-v"
+UNSENDABLE_CODES = (1005, 1006, 1015)
 
 # What viser's page needs: its code is unpacked from the page itself, in workers, with WebAssembly.
 VIEWER_POLICY = (
@@ -107,7 +108,8 @@ def _admit_only(server: viser.ViserServer, secret: str) -> None:
 
     async def guard(connection: Any) -> None:
         websocket = sockets._live_connections[connection.client_id]
-        given = websocket.request.headers.get(SECRET_HEADER, "")
+        request = websocket.request
+        given = request.headers.get(SECRET_HEADER, "") if request is not None else ""
         if not hmac.compare_digest(given.encode(), secret.encode()):
             sockets._client_state_from_id.pop(connection.client_id, None)
             sockets._live_connections.pop(connection.client_id, None)
@@ -234,8 +236,10 @@ async def pipe(browser: WebSocket, viewer: Viewer) -> None:
             await close(browser, 1008, "the browser has stopped reading")
         except ConnectionClosed as closed:
             ended = closed.rcvd
-            sendable = ended is not None and ended.code not in (1005, 1006, 1015)
-            await close(browser, ended.code if sendable else 1011, ended.reason if sendable else "")
+            if ended is None or ended.code in UNSENDABLE_CODES:
+                await close(browser, 1011)
+            else:
+                await close(browser, ended.code, ended.reason)
         except (WebSocketDisconnect, RuntimeError):
             pass  # the browser has gone
 
