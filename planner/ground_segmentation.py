@@ -17,12 +17,15 @@ from scenes.pose import Pose
 
 NOTHING, GROUND, STANDING, UNCLEAR = 0, 1, 2, 3
 
-GROUND_SLOPE = math.tan(math.radians(35.0))  # steeper than this over the baseline is not ground
+GROUND_SLOPE = math.tan(math.radians(30.0))  # what is steeper is not ground, and no robot drives there
 REGAINED_SLOPE = 0.4  # behind a standing thing, ground is what lies below this slope from its foot
 TOLERANCE = 0.06  # two standard deviations of a noisy range
 BASELINE = 0.3  # shortest run that a slope is measured over
-RISE, STEEP = 0.15, 1.2  # a rise of 0.15 m at more than 50 degrees is the flank of something
+RISE = 0.15  # a steep rise of as much is the flank of something
 LOOK_AHEAD = 5.0  # furthest that the slope of the last ground is believed to go on
+EXPECTED_SLOPE = 0.1  # by which the ground may differ from what is expected of it
+OVERHANG = 0.5  # a flank does not lean out farther
+GROUND_RANGE = 15.0  # farther away, beams are too far apart to tell ground from what stands there
 FOOT = 0.5  # the robot stands on the ground at least this far about its middle
 
 
@@ -109,7 +112,10 @@ def _segment_column(distance, height, mast, ground_d, ground_z, labels, expected
             labels[i] = STANDING
         elif _steep_above(i, distance, height):
             # The lowest return from a flank: it may lie on the flank or on the ground before it.
-            labels[i] = STANDING if z - below > RISE else UNCLEAR
+            doubt = EXPECTED_SLOPE * (d - ground_d[known - 1])
+            labels[i] = STANDING if z - below > RISE + doubt else UNCLEAR
+        elif d > GROUND_RANGE or (z > ground_z[known - 1] + RISE and _overlooked(d, ground_d[known - 1])):
+            labels[i] = UNCLEAR
         elif z > below + mast and (last != i - 1 or last < 0 or labels[last] != GROUND):
             # Far above the ground expected, only a slope that the beam below met too is ground, no crown.
             labels[i] = UNCLEAR
@@ -136,20 +142,30 @@ def _expected_ground(d, ground_d, ground_z, known):
 
 
 @numba.njit(cache=True)
+def _overlooked(d, last_ground):
+    """Whether the last ground is farther back than the spacing of a lidar's beams on level ground explains:
+    then something higher may be ground again or hang there."""
+    return d - max(last_ground, 2.0) > 1.0 + 0.05 * d * d
+
+
+@numba.njit(cache=True)
 def _steep_below(i, distance, height):
-    """Whether the first return that lies RISE lower in the column lies almost straight below."""
+    """Whether the way up from any lower return in the column is steeper than ground."""
     for k in range(i - 1, -1, -1):
         rise = height[i] - height[k]
-        if rise >= RISE:
-            return rise > STEEP * (distance[i] - distance[k])
+        if rise >= RISE and rise > GROUND_SLOPE * (distance[i] - distance[k]) + TOLERANCE:
+            return True
     return False
 
 
 @numba.njit(cache=True)
 def _steep_above(i, distance, height):
-    """The same upward, for the next beams only: a crown far above says nothing about the ground."""
+    """The same upward, for what the next beams meet there: a crown in front or far above says nothing."""
     for j in range(i + 1, len(height)):
         rise = height[j] - height[i]
-        if rise >= RISE:
-            return rise > STEEP * (distance[j] - distance[i]) and rise < 0.2 + 0.05 * distance[i]
+        if rise >= 0.3 + 0.05 * distance[i]:
+            return False
+        run = distance[j] - distance[i]
+        if rise >= RISE and run > -OVERHANG and rise > GROUND_SLOPE * run + TOLERANCE:
+            return True
     return False
