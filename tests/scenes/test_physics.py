@@ -11,7 +11,7 @@ from scenes.families import generate
 from scenes.physics import STEP_S, Contact, RobotLostError, World
 from scenes.pose import Pose, Twist, wrap_angle
 from scenes.rays import RayScene
-from scenes.scenario import Family, MovingObstacle, Patrol, Point, Start
+from scenes.scenario import Family, MovingObstacle, Patrol, Point, Scenario, Start
 from scenes.sensors import CameraConfig, SemanticCamera
 from scenes.survey import import_survey
 from scenes.terrain import Heightmap
@@ -342,11 +342,12 @@ def test_a_world_closes_once_and_its_moments_may_outlive_it() -> None:
 # --- anywhere ----------------------------------------------------------------------------------------
 
 
-def survive(heightmap: Heightmap, cover, obstacles, seed: int, spawns: int, seconds: float) -> None:
+def survive(scenario: Scenario, seed: int, spawns: int = 3, seconds: float = 3.0) -> None:
     """Spawn at random, idle or driving at random; nothing explodes, falls through or stops being a number."""
     rng = np.random.default_rng(seed)
+    heightmap, cover = scenario.terrain.heightmap(), scenario.cover
     west, east, south, north = heightmap.bounds
-    with World(heightmap, cover, obstacles) as world:
+    with World(heightmap, cover, scenario.obstacles, scenario.start) as world:
         for spawn in range(spawns):
             while True:
                 x, y = rng.uniform(west + 0.8, east - 0.8), rng.uniform(south + 0.8, north - 0.8)
@@ -365,13 +366,11 @@ def survive(heightmap: Heightmap, cover, obstacles, seed: int, spawns: int, seco
 
 @pytest.mark.parametrize("family", list(Family))
 def test_the_robot_survives_random_places_on_every_terrain(family: Family) -> None:
-    scenario = generate(family, 5)
-    survive(scenario.terrain.heightmap(), scenario.cover, scenario.obstacles, 1, spawns=3, seconds=3.0)
+    survive(generate(family, 5), 1)
 
 
 def test_the_robot_survives_random_places_on_a_survey(survey_file) -> None:
-    scenario = import_survey(survey_file, resolution=1.0)
-    survive(scenario.terrain.heightmap(), scenario.cover[:50], (), 2, spawns=3, seconds=3.0)
+    survive(import_survey(survey_file, resolution=1.0), 2)
 
 
 # --- Bullet's own eyes -------------------------------------------------------------------------------
