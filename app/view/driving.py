@@ -8,14 +8,14 @@ import viser
 from app.view import palette
 from app.view.glb import Surface, glb
 from app.view.ground import coarsened
-from app.view.nodes import Lines, SwapGlb, draped, polyline, resampled
+from app.view.nodes import OVERLAY_PARSE_S, Lines, SwapGlb, draped, polyline, resampled
 from planner.frames import Arcs, CostPatch, Decision, Frame, Rejection
 from scenes.terrain import Heightmap
 
 MAX_ARCS = 110
 ARC_POINTS = 8
 SHORTEST_ARC = 0.08
-COST_PERIOD_S = 0.4
+COST_PERIOD_S = 0.5
 PATH_STEP = 0.12
 MAX_PATH = 1200
 BRACKET = 0.18
@@ -37,6 +37,9 @@ class ScanLayer:
             visible=False,
         )
 
+    def clear(self) -> None:
+        self._handle.visible = False
+
     def draw(self, frame: Frame) -> None:
         points = frame.scan_points
         self._handle.visible = len(points) > 0
@@ -55,7 +58,7 @@ class CostLayer:
     """The method's cost map laid over the ground it speaks of."""
 
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
-        self._node = SwapGlb(scene, f"{root}/cost")
+        self._node = SwapGlb(scene, f"{root}/cost", OVERLAY_PARSE_S)
         self._ground: Heightmap | None = None
         self._source: Heightmap | None = None
         self._drawn: CostPatch | None = None
@@ -130,11 +133,14 @@ class ArcsLayer:
         self._rejected = Lines(scene, f"{root}/rejected", 0.012)
         self._chosen = Lines(scene, f"{root}/chosen", 0.1)
 
+    def clear(self) -> None:
+        for lines in (self._candidates, self._rejected, self._chosen):
+            lines.hide()
+
     def draw(self, frame: Frame, heightmap: Heightmap) -> None:
         arcs = frame.decision.arcs if frame.decision is not None else None
         if arcs is None or len(arcs.v) == 0:
-            for lines in (self._candidates, self._rejected, self._chosen):
-                lines.hide()
+            self.clear()
             return
         shown = thinned(arcs)
         admissible = arcs.rejection[shown] == Rejection.NONE
@@ -175,6 +181,10 @@ class RouteLayer:
         self._waypoint = scene.add_icosphere(
             f"{root}/waypoint", 0.09, palette.WAYPOINT, subdivisions=2, visible=False, cast_shadow=False
         )
+
+    def clear(self) -> None:
+        self._lines.hide()
+        self._waypoint.visible = False
 
     def draw(self, frame: Frame, heightmap: Heightmap) -> None:
         decision = frame.decision or Decision(frame.twist)
@@ -226,13 +236,16 @@ class DetectionsLayer:
         self._chosen = Lines(scene, f"{root}/chosen", 0.07)
         self._drawn: tuple[object, object] | None = None
 
+    def clear(self) -> None:
+        self._seen.hide()
+        self._chosen.hide()
+        self._drawn = None
+
     def draw(self, frame: Frame) -> None:
         percept, decision = frame.percept, frame.decision
         chosen = decision.cover_id if decision is not None else None
         if percept is None:
-            self._seen.hide()
-            self._chosen.hide()
-            self._drawn = None
+            self.clear()
         elif self._drawn is None or percept.detections is not self._drawn[0] or chosen != self._drawn[1]:
             self._drawn = percept.detections, chosen
             sizes = {cover.object_id: (cover.width, cover.height) for cover in percept.cover}

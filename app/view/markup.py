@@ -29,6 +29,15 @@ def sentence(text: str) -> str:
     return f'<div style="margin:2px 0 8px;opacity:.9">{escape(text)}</div>'
 
 
+def note(text: str, aside: str) -> str:
+    """A sentence that stands out, with a quieter remark."""
+    box = "padding:7px 12px;margin:0 8px 4px;border-radius:6px;font-size:12.5px"
+    return (
+        f'<div style="{box};background:rgba(38,160,150,.22);color:#d6f2ee">{escape(text)}'
+        f'<span style="opacity:.7"> · {escape(aside)}</span></div>'
+    )
+
+
 def heading(text: str) -> str:
     return f'<div style="margin:8px 0 4px;opacity:.65">{escape(text)}</div>'
 

@@ -11,7 +11,7 @@ import viser
 from app.view.tone import for_screen, linear
 from scenes.terrain import Heightmap
 
-PARSE_S = 0.6
+PARSE_S, OVERLAY_PARSE_S = 0.6, 0.25  # two clear overlays at once look too strong, so they part sooner
 SLOTS = 8
 _NOWHERE = np.zeros((1, 2, 3), np.float32)
 
@@ -20,8 +20,8 @@ class SwapGlb:
     """A mesh that is replaced by sending the new one beside the old: the browser shows nothing of a GLB
     while it parses it, so the old one is taken away a moment later."""
 
-    def __init__(self, scene: viser.SceneApi, name: str) -> None:
-        self._scene, self._name = scene, name
+    def __init__(self, scene: viser.SceneApi, name: str, linger_s: float = PARSE_S) -> None:
+        self._scene, self._name, self._linger_s = scene, name, linger_s
         self._slots: dict[int, viser.GlbHandle] = {}
         self._shown: int | None = None
 
@@ -36,7 +36,7 @@ class SwapGlb:
         if old is not None and data is None:
             self._remove(old, self._slots[old])
         elif old is not None:
-            asyncio.get_running_loop().call_later(PARSE_S, self._remove, old, self._slots[old])
+            asyncio.get_running_loop().call_later(self._linger_s, self._remove, old, self._slots[old])
 
     def _remove(self, slot: int, handle: viser.GlbHandle) -> None:
         if self._slots.get(slot) is handle:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import viser
 
 from app.changes import Change
+from app.view import markup
 from app.view.desk import Desk
 from app.view.panel_drive import DriveTab
 from app.view.panel_layers import LayersTab
@@ -24,6 +25,7 @@ class Panel:
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
+        self._refusal, self._refusals = "", 0
         desk = Desk(viewer)
         self._held = desk.gui.add_html("")
         tabs = desk.gui.add_tab_group()
@@ -38,12 +40,29 @@ class Panel:
         self.refresh_tool()
 
     def refresh_tool(self) -> None:
-        tool = self._viewer.armed.tool
         self.plan.refresh_tool()
-        self._held.content = _state_line(
-            tool.value if tool is not None else "",
-            HINTS[tool] if tool is not None else "",
-            [layer.value for layer, visible in self._viewer.view.layers.visible.items() if visible],
+        self._say()
+
+    def tell_refusal(self, reason: str) -> None:
+        """Let the page around the view say it at the pointer."""
+        self._refusals += 1
+        self._refusal = reason
+        self._say()
+
+    def _say(self) -> None:
+        tool = self._viewer.armed.tool
+        hint = HINTS[tool] if tool is not None else ""
+        visible = self._viewer.view.layers.visible
+        told = {
+            "tool": tool.value if tool is not None else "",
+            "hint": hint,
+            "layers": " ".join(layer.value for layer in visible if visible[layer]),
+            "refusal": self._refusal,
+            "refusals": str(self._refusals),
+        }
+        data = "".join(f' data-{name}="{html.escape(value)}"' for name, value in told.items())
+        self._held.content = (
+            f'<div id="covernav-state"{data}>{markup.note(hint, "Esc to stop") if hint else ""}</div>'
         )
 
     def refresh_layers(self) -> None:
@@ -58,16 +77,3 @@ class Panel:
             self.drive.refresh(change)
         if change in (Change.OPENED, Change.LIBRARY, Change.EDITED, Change.SETTINGS):
             self.scenarios.refresh(change)
-
-
-def _state_line(tool: str, hint: str, layers: list[str]) -> str:
-    """The held tool for people, and for the page around the view, which shows it beside the pointer."""
-    shown = (
-        f'<div style="padding:7px 12px;margin:0 8px 4px;border-radius:6px;background:rgba(38,160,150,.22);'
-        f'font-size:12.5px;color:#d6f2ee">{html.escape(hint)} · <b>Esc</b> to stop</div>'
-        if tool else ""
-    )  # fmt: skip
-    return (
-        f'<div id="covernav-state" data-tool="{html.escape(tool)}" data-hint="{html.escape(hint)}"'
-        f' data-layers="{" ".join(layers)}">{shown}</div>'
-    )

@@ -60,8 +60,7 @@ class Scene:
         """Another map: its meshes as `app.view.ground` makes them."""
         self._terrain.show(ground)
         self._water.show(water)
-        self._path.clear()
-        self._cost.clear()
+        self._clear_drive()
 
     def edit(
         self, scenario: Scenario, heightmap: Heightmap, selection: Selection | None, frame: Frame | None
@@ -77,7 +76,11 @@ class Scene:
         self.mark(scenario, heightmap, selection)
         if frame is None:
             self._robot.stand(scenario.start, heightmap)
-            self._path.clear()
+            self._clear_drive()
+
+    def _clear_drive(self) -> None:
+        for layer in (self._scan, self._cost, self._arcs, self._route, self._path, self._detections):
+            layer.clear()
 
     def mark(self, scenario: Scenario, heightmap: Heightmap, selection: Selection | None) -> None:
         """The ring about what is selected."""
@@ -90,8 +93,7 @@ class Scene:
             radius = 0.5 * float(np.hypot(thing.length or 1.0, thing.width or 1.0)) + 0.25
         elif isinstance(thing, ObstacleSpec):
             radius = 0.5 * float(np.hypot(*thing.size[:2])) + 0.25
-        label = thing_label(selection, getattr(thing, "name", None))
-        self._mark.show((thing.x, thing.y), radius, label, heightmap)
+        self._mark.show((thing.x, thing.y), radius, thing_label(thing), heightmap)
 
     def draw(self, frame: Frame, heightmap: Heightmap) -> None:
         """Everything that a frame speaks of; hidden layers are left as they are."""

@@ -8,12 +8,12 @@ from collections import defaultdict
 import numpy as np
 import viser
 
-from app.changes import Kind, Selection
 from app.view import palette
 from app.view.glb import Surface, glb, merged
-from app.view.nodes import SwapGlb, draped, yaw_wxyz
+from app.view.nodes import Lines, SwapGlb, draped, polyline, yaw_wxyz
+from scenes.catalogue import CATALOGUE
 from scenes.meshes import cover_mesh, cover_pose
-from scenes.scenario import CoverObject, Scenario
+from scenes.scenario import CoverObject, MovingObstacle, Observer, Point, Scenario, Start
 from scenes.terrain import Heightmap
 
 CHUNK = 24
@@ -95,34 +95,38 @@ class SelectionMark:
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene
-        self._node: viser.GlbHandle | None = None
+        self._ring = Lines(scene, "/selection", 0.06)
         self._label: viser.LabelHandle | None = None
 
     def show(self, at: tuple[float, float] | None, radius: float, text: str, heightmap: Heightmap) -> None:
         """Draw the ring about the world point `at`, draped on the ground; None takes it away."""
-        for node in (self._label, self._node):
-            if node is not None:
-                node.remove()
-        self._node = self._label = None
+        if self._label is not None and (at is None or text != self._label.text):
+            self._label.remove()
+            self._label = None
         if at is None:
+            self._ring.hide()
             return
-        self._node = self._scene.add_glb(
-            "/selection", glb(_draped_ring(at, radius, heightmap)), cast_shadow=False
-        )
+        angle = np.linspace(0.0, 2.0 * math.pi, 73)
+        circle = at + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        self._ring.show(polyline(draped(heightmap, circle, 0.08)), palette.SELECTED)
         if text:
-            top = float(heightmap.height_at(*at)) + 0.1
-            self._label = self._scene.add_label(
-                "/selection_label", text, position=(at[0], at[1] - radius - 0.2, top), anchor="top-center"
-            )
+            if self._label is None:
+                self._label = self._scene.add_label("/selection_label", text, anchor="top-center")
+            self._label.position = (at[0], at[1] - radius - 0.2, float(heightmap.height_at(*at)) + 0.1)
 
 
-def thing_label(selection: Selection, name: str | None) -> str:
-    """What a selected thing is called; start and goal carry labels of their own."""
-    if selection.kind is Kind.GOAL:
-        return ""
-    return name or (
-        selection.kind.value if selection.kind is Kind.START else f"{selection.kind.value} {selection.id}"
-    )
+def thing_label(thing: Start | Point | CoverObject | Observer | MovingObstacle) -> str:
+    """What a selected thing is called; the goal and named observers carry labels of their own."""
+    match thing:
+        case CoverObject():
+            return thing.name or f"{CATALOGUE[thing.kind].class_name} {thing.id}"
+        case Observer():
+            return "" if thing.name else f"observer {thing.id}"
+        case MovingObstacle():
+            return thing.name or f"{thing.kind.value} {thing.id}"
+        case Start():
+            return "start"
+    return ""
 
 
 def _annulus(inner: float, outer: float, steps: int = 40) -> tuple[np.ndarray, np.ndarray]:
@@ -140,12 +144,6 @@ def _ring(inner: float, outer: float, colour: palette.RGB) -> Surface:
     xy, faces = _annulus(inner, outer)
     vertices = np.column_stack([xy, np.zeros(len(xy))])
     return Surface(vertices, faces, _plain(colour, len(xy)), unlit=True, double_sided=True)
-
-
-def _draped_ring(at: tuple[float, float], radius: float, heightmap: Heightmap) -> Surface:
-    xy, faces = _annulus(radius, radius + 0.07, 64)
-    vertices = draped(heightmap, xy + at, 0.07)
-    return Surface(vertices, faces, _plain(palette.SELECTED, len(xy)), unlit=True, double_sided=True)
 
 
 def _arrowhead() -> Surface:

@@ -15,7 +15,6 @@ import viser
 from app.changes import Change
 from app.studio import Studio
 from app.view.camera import FIELD_OF_VIEW, Viewpoint, opening_view
-from app.view.gizmo import Gizmo
 from app.view.ground import terrain_glb, water_glb
 from app.view.keys import bind_keys
 from app.view.layers import Layer, LayerState
@@ -43,7 +42,6 @@ class StudioView:
         self._tasks: set[asyncio.Task] = set()
         _dress(server)
         self.scene = Scene(server, self.layers)
-        self.gizmo = Gizmo(studio, server.scene, self._refuse)
         self._frame_camera()
         self.scene.open(terrain_glb(studio.heightmap), water_glb(studio.heightmap))
         self._edit()
@@ -97,7 +95,6 @@ class StudioView:
 
     def _part(self, client_id: int) -> None:
         self._viewers.pop(client_id, None)
-        self.gizmo.release(client_id)
 
     # drawing
 
@@ -136,7 +133,6 @@ class StudioView:
         studio = self.studio
         with self.server.atomic():
             self.scene.edit(studio.scenario, studio.heightmap, studio.selection, studio.frame)
-            self.gizmo.follow(studio.selection)
 
     def _schedule_draw(self) -> None:
         if self._draw_due is None:

@@ -10,6 +10,7 @@ import viser
 from app.changes import Change
 from app.view import tools
 from app.view.camera import Eye, top_view
+from app.view.gizmo import Gizmo
 from app.view.panel import Panel
 from app.view.tools import Armed, Tool
 from scenes.pose import Pose
@@ -27,12 +28,20 @@ class Viewer:
         self.view, self.client, self.studio = view, client, view.studio
         self.armed = Armed()
         self.eye = Eye(client)
+        self.gizmo = Gizmo(self.studio, client, self.refuse)
         self.panel = Panel(self)
+        self._hold()
 
     def arm(self, tool: Tool | None) -> None:
         """Hold a tool; the one already held is put down."""
         self.armed.tool = None if tool is self.armed.tool else tool
         self.panel.refresh_tool()
+        self._hold()
+
+    def _hold(self) -> None:
+        """Handles on the selected thing, but out of the way of a tool that places."""
+        free = self.armed.tool in (None, Tool.MOVE, Tool.ROTATE)
+        self.gizmo.follow(self.studio.selection if free else None)
 
     def disarm_or_deselect(self) -> None:
         if self.armed.tool is not None:
@@ -69,12 +78,15 @@ class Viewer:
         return Pose(start.x, start.y, float(self.studio.heightmap.height_at(start.x, start.y)))
 
     def refuse(self, reason: str) -> None:
-        """Say why something was not done."""
+        """Say why something was not done: in the view, and in the page beside the pointer."""
         sentence = reason[:1].upper() + reason[1:]
+        self.panel.tell_refusal(sentence)
         self.client.add_notification("Not done", sentence, color="orange", auto_close_seconds=REFUSAL_S)
 
     def refresh(self, change: Change) -> None:
         self.panel.refresh(change)
+        if change in (Change.SELECTED, Change.EDITED, Change.OPENED):
+            self._hold()
 
     def refresh_layers(self) -> None:
         self.panel.refresh_layers()

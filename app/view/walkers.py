@@ -11,7 +11,7 @@ import viser
 
 from app.view import palette
 from app.view.glb import Surface, glb, merged
-from app.view.nodes import Lines, SwapGlb, draped, polyline, resampled, yaw_wxyz
+from app.view.nodes import OVERLAY_PARSE_S, Lines, SwapGlb, draped, polyline, resampled, yaw_wxyz
 from planner.frames import Frame, WalkerPose
 from scenes.meshes import walker_mesh
 from scenes.scenario import Observer, ObstacleKind, Scenario, Walker
@@ -67,8 +67,8 @@ class Observers:
         self._known = Figures(scene, f"{figures}/known", "observer")
         self._unknown = Figures(scene, f"{figures}/unknown", "observer", palette.UNKNOWN)
         self._masts = Lines(scene, f"{figures}/masts", 0.08)
-        self._still = SwapGlb(scene, f"{sight}/still")
-        self._moving = SwapGlb(scene, f"{sight}/moving")
+        self._still = SwapGlb(scene, f"{sight}/still", OVERLAY_PARSE_S)
+        self._moving = SwapGlb(scene, f"{sight}/moving", OVERLAY_PARSE_S)
         self._outlines = Lines(scene, f"{sight}/outlines", 0.05)
         self._labels: dict[int, viser.LabelHandle] = {}
         self._observers: dict[int, Observer] = {}

@@ -1,10 +1,14 @@
-// What the panel in the view says of itself: the armed tool, shown beside the pointer, and the visible layers.
+// What the panel in the view says of itself: the armed tool and refusals, shown beside the pointer, and the
+// visible layers.
 
 const LOOK_MS = 150;
+const REFUSAL_MS = 4500;
 
-/** Shows the armed tool in `label` beside the pointer over `frame`; calls onLayers(Set of names) on changes. */
+/** Shows tool and refusals in `label` beside the pointer over `frame`; calls onLayers(Set of names) on changes. */
 export function watchPanel(frame, label, onLayers) {
   let layers;
+  let told = "0";
+  let refusedUntil = 0;
   const attach = () => {
     const view = frame.contentWindow;
     view.addEventListener("pointermove", (event) => {
@@ -20,9 +24,16 @@ export function watchPanel(frame, label, onLayers) {
   setInterval(() => {
     const state = frame.contentDocument?.getElementById("covernav-state");
     if (!state) return;
-    const { hint = "", layers: visible = "" } = state.dataset;
-    if (label.textContent !== hint) label.textContent = hint;
-    label.hidden = hint === "";
+    const { hint = "", layers: visible = "", refusal = "", refusals = "0" } = state.dataset;
+    if (refusals !== told) {
+      refusedUntil = refusals === "0" ? 0 : Date.now() + REFUSAL_MS;
+      told = refusals;
+    }
+    const refused = Date.now() < refusedUntil;
+    const text = refused ? refusal : hint;
+    if (label.textContent !== text) label.textContent = text;
+    label.classList.toggle("refused", refused);
+    label.hidden = text === "";
     if (visible !== layers) {
       layers = visible;
       onLayers(new Set(visible.split(" ")));

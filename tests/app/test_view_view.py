@@ -11,7 +11,7 @@ import viser
 from meadows import meadow_scene
 from served import silent_studio
 
-from app.changes import Change, Kind, Selection
+from app.changes import Change, Kind, Selection, StudioError
 from app.view import StudioView
 from app.view.glb import Surface, glb
 from app.view.keys import TOOL_KEYS
@@ -65,7 +65,7 @@ class Guest:
     """A browser's side of a viewer: the server's widgets, and notes of what it was told."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        self.client_id, self.gui, self.told, self.files = 1, server.gui, [], {}
+        self.client_id, self.gui, self.scene, self.told, self.files = 1, server.gui, server.scene, [], {}
         self.camera = SimpleNamespace(position=np.array([0.0, -9.0, 5.0]), look_at=np.zeros(3))
 
     atomic = staticmethod(contextlib.nullcontext)
@@ -220,34 +220,53 @@ def test_the_selected_object_is_a_node_of_its_own_that_a_drag_moves(view, server
     assert node(server, "/cover/selected") is None
 
 
-def test_a_drag_of_the_gizmo_is_one_undo_entry(view, server):
+STRAIGHT = (1.0, 0.0, 0.0, 0.0)
+
+
+def test_a_drag_of_the_gizmo_is_one_undo_entry(view, viewer):
     studio = view.studio
     edit(view, studio.select, Selection(Kind.OBSERVER, 1))
-    gizmo = view.gizmo
     for phase, x in (("start", 0.0), ("update", 1.0), ("update", 2.0), ("end", 3.0)):
-        edit(view, gizmo._drag, studio.selection, 1, phase, (x, 8.0, 0.1), (1.0, 0.0, 0.0, 0.0))
+        edit(view, viewer.gizmo._drag, studio.selection, phase, (x, 8.0, 0.1), STRAIGHT)
     moved = studio.scenario.observers[0]
     assert (moved.x, moved.yaw) == (3.0, 0.0)
     edit(view, studio.undo)
     assert studio.scenario.observers == meadow_scene().observers and not studio.can_undo
 
 
-def test_a_drag_to_where_it_cannot_be_ends_where_it_was_allowed_with_the_reason(view, viewer, server):
+def test_a_drag_to_where_it_cannot_be_ends_where_it_was_allowed(view, viewer, server):
     studio = view.studio
     edit(view, studio.select, Selection(Kind.GOAL))
-    for phase, x in (("start", 3.0), ("end", 99.0)):
-        edit(view, view.gizmo._drag, studio.selection, 1, phase, (x, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0))
+    edit(view, viewer.gizmo._drag, studio.selection, "start", (3.0, 0.0, 0.1), STRAIGHT)
+    edit(view, viewer.gizmo._drag, studio.selection, "update", (99.0, 0.0, 0.1), STRAIGHT)
+    with pytest.raises(StudioError, match="off the map"):
+        edit(view, viewer.gizmo._drag, studio.selection, "end", (99.0, 0.0, 0.1), STRAIGHT)
     assert studio.scenario.goal.x == 3.0
     assert node(server, "/gizmo").position[0] == 3.0
-    assert "off the map" in viewer.client.told[-1]
 
 
-def test_the_drag_of_somebody_who_has_gone_is_over(view):
+def test_the_gizmo_is_out_of_the_way_of_a_tool_that_places(view, viewer, server):
     edit(view, view.studio.select, Selection(Kind.GOAL))
-    edit(view, view.gizmo._drag, view.studio.selection, 7, "start", (3.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0))
-    edit(view, view._part, 7)
-    edit(view, view.gizmo._drag, view.studio.selection, 1, "end", (2.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0))
-    assert view.studio.scenario.goal.x == 2.0
+    assert node(server, "/gizmo") is not None
+    edit(view, viewer.arm, Tool.COVER)
+    assert node(server, "/gizmo") is None
+    edit(view, viewer.arm, Tool.MOVE)
+    assert node(server, "/gizmo") is not None
+
+
+def test_a_refusal_is_told_to_its_viewer_with_the_reason(view, viewer):
+    viewer.refuse("goal is inside a <house>")
+    assert viewer.client.told == ["Not done: Goal is inside a <house>"]
+    assert "&lt;house&gt;" in viewer.panel._held.content and "<house>" not in viewer.panel._held.content
+
+
+def test_a_reset_takes_the_last_drive_off_the_scene(view, server):
+    draw(view, frame(1, -2.0))
+    draw(view, frame(2, -1.5))
+    edit(view, view.studio.reset)
+    for name in ("/scan/points", "/arcs/chosen", "/route/line", "/path/line", "/detections/chosen"):
+        assert not node(server, name).visible, name
+    assert tuple(node(server, "/robot").position) == (-3.0, 0.0, 0.0)
 
 
 def test_another_scenario_is_drawn_and_looked_at_anew(view, server, viewer):
