@@ -33,6 +33,7 @@ class DriverConfig:
 
     goal_tolerance : nearer to the goal the robot stops; the mission counts 0.3 m as reached
     deceleration : m/s² with which it slows down toward the goal; slowest : m/s it does not fall below before
+    shortest_horizon : of the arcs when the target is near
     patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery begins
     backing, leaving : how far a recovery drives back and away; recovery_limit : longest any of its parts takes
     corridor : how far a free direction is looked along
@@ -42,6 +43,7 @@ class DriverConfig:
     goal_tolerance: float = 0.2
     deceleration: float = 0.5
     slowest: float = 0.25
+    shortest_horizon: float = 0.7
     blocked_patience: float = 0.8
     patience: float = 3.0
     progress: float = 0.3
@@ -141,8 +143,11 @@ class Driver:
         dwa = self.config.dwa
         slowing = math.sqrt(2.0 * self.config.deceleration * percept.goal_distance)
         max_speed = float(np.clip(slowing, self.config.slowest, dwa.max_speed))
+        # Arcs much longer than the way to the target would rather crawl than end beyond it.
+        reach = math.dist(target, (percept.pose.x, percept.pose.y))
+        horizon = float(np.clip(1.2 * reach / max_speed, self.config.shortest_horizon, dwa.horizon))
         v, w = candidates(dwa, percept.twist)
-        return evaluate(dwa, v, w, percept.pose, target, around, max_speed)
+        return evaluate(replace(dwa, horizon=horizon), v, w, percept.pose, target, around, max_speed)
 
     def _words(self, percept: Percept) -> str:
         return f"driving to the goal, {percept.goal_distance:.1f} m left"
@@ -194,7 +199,7 @@ class Driver:
         free = _corridors(percept, bearings, contact, self.config.corridor)
         pose = percept.pose
         aside = np.abs(wrap_angle(bearings - math.atan2(target[1] - pose.y, target[0] - pose.x)))
-        score = free - self.config.corridor * 0.25 * aside
+        score = free - 0.15 * self.config.corridor * aside
         for tried in self._tried:
             score -= 1.5 * np.exp(-((wrap_angle(bearings - tried) / 0.5) ** 2))
         best = float(bearings[int(np.argmax(score))])
@@ -250,7 +255,7 @@ class Driver:
 
 def _corridors(percept: Percept, bearings: np.ndarray, half_width: float, reach: float) -> np.ndarray:
     """(n,) metres that a disc of `half_width` can go along each world bearing before an obstacle point, at most
-    `reach`; points it covers already do not count."""
+    `reach`."""
     offsets = percept.obstacle_points - (percept.pose.x, percept.pose.y)
     along = np.cos(bearings)[:, None] * offsets[:, 0] + np.sin(bearings)[:, None] * offsets[:, 1]
     across = np.cos(bearings)[:, None] * offsets[:, 1] - np.sin(bearings)[:, None] * offsets[:, 0]

@@ -67,7 +67,7 @@ class DwaConfig:
     creep_speed : at which unknown ground may be entered
     margin : kept between footprint and obstacles, `speed_margin` more for each m/s, less only where the robot
         is nearer already and leaves at no more than `escape_speed`
-    point_radius : how far from its mapped point an obstacle's surface may be, half a cell of the map
+    point_radius : how far from its mapped point an obstacle's surface may be, half the diagonal of a cell
     tilt_limit : radians of roll and pitch together, predicted from the map under the wheels
     clearance_reach : obstacles farther than this do not matter
     """
@@ -90,8 +90,8 @@ class DwaConfig:
     margin: float = 0.05
     speed_margin: float = 0.12
     escape_speed: float = 0.3
-    point_radius: float = 0.1
-    tilt_limit: float = math.radians(26.0)
+    point_radius: float = 0.14
+    tilt_limit: float = HUSKY.max_slope
     clearance_reach: float = 2.0
     footprint: Footprint = field(default_factory=lambda: Footprint(HUSKY.length, HUSKY.width))
     weights: Weights = field(default_factory=Weights)
