@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -77,10 +77,8 @@ def evaluate(
     done = dict(_read(journal)) if journal is not None else {}
     missing = [spec for spec in wanted if spec not in done]
     yield from (done[spec] for spec in wanted if spec in done)
-    finished: Iterable = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)(
-        delayed(drive)(spec) for spec in missing
-    )
-    for result in finished:
+    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered")
+    for result in cast(Iterator[dict[str, Any]], parallel(delayed(drive)(spec) for spec in missing)):
         if journal is not None:
             with journal.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(result) + "\n")
