@@ -115,6 +115,7 @@ def _document(
     spread = 45.0 if rng.random() < 0.85 else 120.0
     yaw = math.degrees(math.atan2(goal_y - y, goal_x - x)) + rng.uniform(-spread, spread)
     return Scenario(
+        version=1,
         name=f"{family.value} {seed}",
         description=f"Generated {family.value.replace('_', '-')} terrain, seed {seed}.",
         terrain=Terrain(

@@ -181,7 +181,7 @@ class MovingObstacle(ObstacleSpec):
 class Scenario(Document):
     """The whole document; see the module's docstring for its conventions."""
 
-    version: Literal[1] = 1
+    version: Literal[1]
     name: Name
     description: Annotated[str, Field(max_length=2000)] = ""
     terrain: Terrain

@@ -120,6 +120,7 @@ def _scenario(
     scaled = tuple(_raised(thing, vertical_scale) for thing in cover[:MAX_COVER])
     start, goal = start_and_goal(heightmap, scaled, rng)
     return Scenario(
+        version=1,
         name=_plain(name or path.stem)[:80] or "survey",
         description=_description(path, heightmap, scaled, left_out),
         terrain=Terrain(

@@ -16,6 +16,7 @@ from scenes.scenario import (
 def meadow_scene() -> Scenario:
     """20 × 20 m of flat grass at 0.5 m, a tree and an observer to the north, 6 m to drive."""
     return Scenario(
+        version=1,
         name="Test meadow",
         terrain=Terrain(
             resolution=0.5,

@@ -46,6 +46,7 @@ def scenario(cover=(), obstacles=(), observers=(), water=False) -> Scenario:
         source=GeneratedSource(family="normal", seed=0),
     )
     return Scenario(
+        version=1,
         name="field",
         terrain=terrain,
         start={"x": 0.0, "y": 0.0},
