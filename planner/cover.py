@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from planner.detection import Sighting
-from planner.frames import CoverEstimate
+from planner.frames import CoverEstimate, Percept
 from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.robot import HUSKY
 
@@ -171,6 +171,13 @@ def choose_cover(
         if best is None or choice.score > best.score:
             best = choice
     return best
+
+
+def best_cover(percept: Percept) -> int | None:
+    """Id of the cover that `choose_cover` picks for what the robot knows; None where there is none."""
+    robot = (percept.pose.x, percept.pose.y)
+    choice = choose_cover(percept.cover, robot, percept.goal, percept.observer_eyes)
+    return None if choice is None else choice.cover.object_id
 
 
 def _rated(

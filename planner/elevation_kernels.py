@@ -251,7 +251,7 @@ def standing_things(cells, elevation, clearance, step):
             hang = cells[row, col, HANG]
             if not stands and hang == np.inf:
                 continue
-            ground = _nearest_ground(elevation, row, col)
+            ground = _nearest_ground(elevation, row, col) if stands else elevation[row, col]
             if np.isnan(ground):
                 ground = cells[row, col, BELOW] if stands else hang - clearance
             if stands and cells[row, col, TOP] - ground > step:

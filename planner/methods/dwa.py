@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from planner.cost_map import CostConfig, ground_near
+from planner.cover import best_cover
 from planner.driver import Driver, DriverConfig
 from planner.frames import Decision, Percept, Status
 
@@ -29,6 +30,7 @@ class PlainDwa:
             driven.command,
             waypoint=percept.goal,
             arcs=driven.arcs,
+            cover_id=best_cover(percept),
             note=driven.note,
             failure=Status.STUCK if driven.stuck else None,
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planner.cost_map import CostConfig, CostMap, build, ground_near
+from planner.cover import best_cover
 from planner.driver import Driver, DriverConfig
 from planner.frames import CostPatch, Decision, Percept, Status
 from planner.methods.dwa import GROUND_REACH
@@ -86,6 +87,7 @@ class LeastCost:
         driven = self._driver.drive(percept, waypoint, ground)
         return Decision(
             driven.command, waypoint, rest, plan.patch, driven.arcs,
+            cover_id=best_cover(percept),
             note=driven.note, failure=Status.STUCK if driven.stuck else None,
         )  # fmt: skip
 

@@ -213,6 +213,7 @@ def plain_standing(cells, elevation, clearance, step):
             for r, c in known
             if max(abs(r - row), abs(c - col)) <= ek.NEIGHBOURHOOD
         ]
+        near = near if stands else [(0, row, col)] if np.isfinite(elevation[row, col]) else []
         ground = elevation[min(near)[1:]] if near else cell[ek.BELOW] if stands else hang - clearance
         if stands and cell[ek.TOP] - ground > step:
             low = cell[ek.FOOT] - ground < clearance

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from vlp16 import standing, thing
 
+from planner.cover import best_cover
 from planner.frames import GridMap, Perception
 from planner.perception import (
     CAMERA_PERIOD,
@@ -164,6 +165,13 @@ def test_cover_is_remembered_and_the_oracle_knows_it_all():
     assert [cover.object_id for cover in sensed.cover] == [1]
     true = Robot(scenario([ahead, behind]), ORACLE).look()
     assert [(cover.object_id, cover.confidence) for cover in true.cover] == [(1, 1.0), (2, 1.0)]
+
+
+def test_the_best_cover_is_chosen_from_what_is_known_at_the_moment():
+    bush, house = thing("bush", 5.0, 0.5, id=1), thing("cottage", -6.0, 0.0, id=2)
+    assert best_cover(Robot(scenario([bush, house])).look()) == 1
+    assert best_cover(Robot(scenario([house])).look()) is None
+    assert best_cover(Robot(scenario([house]), ORACLE).look()) == 2
 
 
 def test_cover_that_is_taken_away_is_forgotten_in_time():
