@@ -62,6 +62,10 @@ class Picker:
         point = start + distance * along
         return Pick((round(float(point[0]), 3), round(float(point[1]), 3)), thing)
 
+    def adopt(self, rays: RayScene, heightmap: Heightmap, cover: tuple[CoverObject, ...]) -> None:
+        """Take over a ray scene of that ground and cover, built on another thread."""
+        self._rays, self._heightmap, self._cover = rays, heightmap, cover
+
     def rays(self, scenario: Scenario, heightmap: Heightmap) -> RayScene:
         """The ground and the cover of the scenario as it is now."""
         if self._rays is None or heightmap is not self._heightmap:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import viser
@@ -17,16 +18,30 @@ from app.view.driving import (
     RouteLayer,
     ScanLayer,
 )
+from app.view.ground import terrain_glb, water_glb
 from app.view.layers import STYLES, Layer, LayerState
 from app.view.nodes import SwapGlb
 from app.view.robot import RobotNode
-from app.view.standing import CoverLayer, Markers, SelectionMark, thing_label
+from app.view.standing import CoverLayer, Markers, SelectionMark, cover_chunks, thing_label
 from app.view.walkers import Observers, Obstacles, Patrols
 from planner.frames import Frame
 from scenes.scenario import CoverObject, ObstacleSpec, Scenario
 from scenes.terrain import Heightmap
 
 FIGURES = "/figures"
+
+
+@dataclass(frozen=True)
+class MapMeshes:
+    """What takes long to make of a scenario, made on any thread."""
+
+    ground: bytes
+    water: bytes | None
+    cover: dict[tuple[CoverObject, ...], bytes]
+
+    @classmethod
+    def of(cls, scenario: Scenario, heightmap: Heightmap) -> MapMeshes:
+        return cls(terrain_glb(heightmap), water_glb(heightmap), cover_chunks(scenario, heightmap))
 
 
 class Scene:
@@ -56,10 +71,11 @@ class Scene:
         for layer, visible in layers.visible.items():
             self.show_layer(layer, visible)
 
-    def open(self, ground: bytes, water: bytes | None) -> None:
-        """Another map: its meshes as `app.view.ground` makes them."""
-        self._terrain.show(ground)
-        self._water.show(water)
+    def open(self, meshes: MapMeshes) -> None:
+        """Another map: its meshes instead of the last one's. Follow with `edit`."""
+        self._terrain.show(meshes.ground)
+        self._water.show(meshes.water)
+        self._cover.adopt(meshes.cover)
         self._clear_drive()
 
     def edit(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Iterable
 
 import numpy as np
 import viser
@@ -30,21 +31,26 @@ class CoverLayer:
         self._single: viser.GlbHandle | None = None
         self._single_shape: tuple | None = None
         self._heightmap: Heightmap | None = None
+        self._ready: dict[tuple[CoverObject, ...], bytes] = {}
+
+    def adopt(self, meshes: dict[tuple[CoverObject, ...], bytes]) -> None:
+        """Chunks made beforehand by `cover_chunks`, for the next edit."""
+        self._ready = meshes
 
     def edit(self, scenario: Scenario, heightmap: Heightmap, selected: int | None) -> None:
         if heightmap is not self._heightmap:
             self._drawn = dict.fromkeys(self._drawn)  # all of it stands elsewhere now
             self._heightmap = heightmap
-        chunks: dict[tuple[str, int], list[CoverObject]] = defaultdict(list)
-        for thing in scenario.cover:
-            chunks[thing.kind.value, thing.id // CHUNK].append(thing)
+        chunks = _chunks(scenario.cover)
         for key in {*chunks, *self._drawn}:
             things = tuple(thing for thing in chunks.get(key, ()) if thing.id != selected)
             if things == self._drawn.get(key):
                 continue
             node = self._nodes.setdefault(key, SwapGlb(self._scene, f"{self._root}/{key[0]}_{key[1]}"))
-            node.show(glb(merged([_placed(thing, heightmap) for thing in things])) if things else None)
+            ready = self._ready.get(things)
+            node.show(ready or (_chunk_glb(things, heightmap) if things else None))
             self._drawn[key] = things
+        self._ready = {}
         self._draw_single(next((thing for thing in scenario.cover if thing.id == selected), None), heightmap)
 
     def _draw_single(self, thing: CoverObject | None, heightmap: Heightmap) -> None:
@@ -64,6 +70,24 @@ class CoverLayer:
             pose = cover_pose(heightmap, thing)
             self._single.position = (pose.x, pose.y, pose.z)
             self._single.wxyz = yaw_wxyz(pose.yaw)
+
+
+def cover_chunks(scenario: Scenario, heightmap: Heightmap) -> dict[tuple[CoverObject, ...], bytes]:
+    """The meshes that a whole scenario's cover is drawn with; a forest takes a second, on any thread."""
+    return {
+        tuple(things): _chunk_glb(tuple(things), heightmap) for things in _chunks(scenario.cover).values()
+    }
+
+
+def _chunks(cover: Iterable[CoverObject]) -> dict[tuple[str, int], list[CoverObject]]:
+    chunks: dict[tuple[str, int], list[CoverObject]] = defaultdict(list)
+    for thing in cover:
+        chunks[thing.kind.value, thing.id // CHUNK].append(thing)
+    return chunks
+
+
+def _chunk_glb(things: tuple[CoverObject, ...], heightmap: Heightmap) -> bytes:
+    return glb(merged([_placed(thing, heightmap) for thing in things]))
 
 
 def _placed(thing: CoverObject, heightmap: Heightmap) -> Surface:

@@ -15,12 +15,12 @@ import viser
 from app.changes import Change
 from app.studio import Studio
 from app.view.camera import FIELD_OF_VIEW, Viewpoint, opening_view
-from app.view.ground import terrain_glb, water_glb
 from app.view.keys import bind_keys
 from app.view.layers import Layer, LayerState
 from app.view.picking import Picker
-from app.view.scene import Scene
+from app.view.scene import MapMeshes, Scene
 from app.view.viewer import Viewer
+from scenes.rays import RayScene
 
 log = logging.getLogger(__name__)
 
@@ -37,13 +37,14 @@ class StudioView:
         self.picker = Picker()
         self._viewers: dict[int, Viewer] = {}
         self._opened = 0
+        self._drawn_map = studio.heightmap
         self._draw_due: asyncio.TimerHandle | None = None
         self._drawn_at = self._panels_at = 0.0
         self._tasks: set[asyncio.Task] = set()
         _dress(server)
         self.scene = Scene(server, self.layers)
         self._frame_camera()
-        self.scene.open(terrain_glb(studio.heightmap), water_glb(studio.heightmap))
+        self.scene.open(MapMeshes.of(studio.scenario, studio.heightmap))
         self._edit()
         self._unsubscribe = studio.subscribe(self._changed)
         bind_keys(self)
@@ -103,10 +104,8 @@ class StudioView:
             case Change.OPENED:
                 task = asyncio.ensure_future(self._open())
                 self._tasks.add(task)
-                task.add_done_callback(self._tasks.discard)
-            case Change.EDITED:
-                self._edit()
-            case Change.SELECTED:
+                task.add_done_callback(self._opening_over)
+            case Change.EDITED | Change.SELECTED:
                 self._edit()
             case Change.FRAME:
                 self._schedule_draw()
@@ -118,19 +117,28 @@ class StudioView:
 
     async def _open(self) -> None:
         self._opened += 1
-        mine, heightmap = self._opened, self.studio.heightmap
-        ground = await asyncio.to_thread(terrain_glb, heightmap)
-        water = await asyncio.to_thread(water_glb, heightmap)
+        mine, scenario, heightmap = self._opened, self.studio.scenario, self.studio.heightmap
+        meshes = await asyncio.to_thread(MapMeshes.of, scenario, heightmap)
+        rays = await asyncio.to_thread(RayScene, heightmap, scenario.cover)
         if mine != self._opened:
-            return
-        self.scene.open(ground, water)
+            return  # a newer scenario is on its way
+        self._drawn_map = heightmap
+        self.picker.adopt(rays, heightmap, scenario.cover)
+        self.scene.open(meshes)
         self._edit()
         self._frame_camera()
         for viewer in self._viewers.values():
             viewer.eye.opening(self.opening_view())
 
+    def _opening_over(self, task: asyncio.Task) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and task.exception() is not None:
+            log.error("the scenario could not be drawn", exc_info=task.exception())
+
     def _edit(self) -> None:
         studio = self.studio
+        if studio.heightmap is not self._drawn_map:
+            return  # another map is being made ready
         with self.server.atomic():
             self.scene.edit(studio.scenario, studio.heightmap, studio.selection, studio.frame)
 
@@ -144,7 +152,7 @@ class StudioView:
         self._draw_due = None
         self._drawn_at = asyncio.get_running_loop().time()
         studio = self.studio
-        if studio.frame is None:
+        if studio.frame is None or studio.heightmap is not self._drawn_map:
             return
         with self.server.atomic():
             self.scene.draw(studio.frame, studio.heightmap)
