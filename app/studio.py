@@ -205,20 +205,18 @@ class Studio:
                 scenario = Scenario.load(path)
             else:
                 scenario = import_survey(path, name=Path(filename).stem[:60] or "survey", **options)
-            scenario_id = self.store.new_id(scenario.name)
-            self.store.save(scenario_id, scenario)
-            return scenario, scenario_id
+            return scenario, self.store.add(scenario)
 
-        await self._open_with(read)
+        scenario_id = await self._open_with(read)
         self._tell(Change.LIBRARY)
-        return self.scenario_id
+        return scenario_id
 
-    async def _open_with(self, read: Callable[[], tuple[Scenario, str]]) -> None:
+    async def _open_with(self, read: Callable[[], tuple[Scenario, str]]) -> str:
         self._opening += 1
         mine = self._opening
         scenario, scenario_id = await asyncio.to_thread(read)
         if mine != self._opening:
-            return  # a newer request has overtaken this one
+            return scenario_id  # a newer request has overtaken this one
         self._drive.finish(Status.STOPPED)
         self.scenario, self.scenario_id, self._saved = scenario, scenario_id, scenario
         self.heightmap = scenario.terrain.heightmap()
@@ -226,6 +224,7 @@ class Studio:
         self.selection = None
         self._load()
         self._tell(Change.OPENED)
+        return scenario_id
 
     def save(self) -> str:
         """Save under the present id; a shipped scenario is saved as a copy. Raises StoreError."""
@@ -424,9 +423,7 @@ class Studio:
     # the mission
 
     def _load(self, playing: bool = False) -> None:
-        self._drive.load(
-            self.scenario, self.scenario_id, self.method, self.seed, self.perception, playing
-        )
+        self._drive.load(self.scenario, self.scenario_id, self.method, self.seed, self.perception, playing)
 
     def play(self) -> None:
         """Drive; a mission that is over starts again."""

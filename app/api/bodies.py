@@ -30,7 +30,7 @@ Model = TypeVar("Model", bound=BaseModel)
 def body_limit(path: str) -> int:
     """Largest body in bytes that an address takes; an upload's form around the file counts too."""
     if path == UPLOAD_PATH:
-        return MAX_UPLOAD + MiB
+        return MAX_UPLOAD
     return MAX_FILE_BYTES if DOCUMENT_PATHS.fullmatch(path) else MAX_BODY
 
 

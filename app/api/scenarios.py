@@ -85,7 +85,9 @@ def router(studio: Studio) -> APIRouter:
     async def add(request: Request, response: Response) -> dict[str, str]:
         """Save a document under a new id, without opening it."""
         scenario = await read_document(request, Scenario)
-        return _created(response, await studio.add(scenario), scenario.name)
+        scenario_id = await studio.add(scenario)
+        response.headers["location"] = f"/api/scenarios/{scenario_id}"
+        return {"id": scenario_id, "name": scenario.name}
 
     @routes.post("/generate", status_code=201)
     async def generate(choice: GeneratorChoice) -> dict[str, str]:
@@ -113,7 +115,8 @@ def router(studio: Studio) -> APIRouter:
                     scenario_id = await studio.import_file(form.file, form.file.name, **options)
             except ScenarioError as error:
                 raise ScenarioError(str(error).replace(str(form.file), form.file.name)) from None
-        return _created(response, scenario_id, studio.scenario.name)
+        response.headers["location"] = f"/api/scenarios/{scenario_id}"
+        return {"id": scenario_id}
 
     @routes.get("/{id}", responses={200: {"model": Scenario}})
     async def document(id: Id) -> Response:
@@ -143,11 +146,6 @@ def router(studio: Studio) -> APIRouter:
         return mission_document(studio)
 
     return routes
-
-
-def _created(response: Response, scenario_id: str, name: str) -> dict[str, str]:
-    response.headers["location"] = f"/api/scenarios/{scenario_id}"
-    return {"id": scenario_id, "name": name}
 
 
 def _options(fields: dict[str, str]) -> dict[str, Any]:

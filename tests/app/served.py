@@ -45,3 +45,21 @@ def application(studio: Studio, **settings) -> FastAPI:
 def browser(app: FastAPI, **headers: str) -> TestClient:
     """A client that shows what the server really answers: errors of ours as 500, redirects not followed."""
     return TestClient(app, BASE, raise_server_exceptions=False, follow_redirects=False, headers=headers)
+
+
+def http_scope(method: str, path: str, raw_path: bytes, headers: list[tuple[bytes, bytes]]) -> dict:
+    """A request as the server hands it on, whose path no client library has tidied up."""
+    return {
+        "type": "http",
+        "asgi": {"version": "3.0"},
+        "http_version": "1.1",
+        "method": method,
+        "scheme": "http",
+        "path": path,
+        "raw_path": raw_path,
+        "root_path": "",
+        "query_string": b"",
+        "headers": headers,
+        "client": ("127.0.0.1", 1),
+        "server": ("127.0.0.1", 8000),
+    }

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from meadows import meadow_scene
-from served import BEARER, application, browser, silent_studio
+from served import BEARER, application, browser, http_scope, silent_studio
 
 from app.api import bodies
 from app.api.bodies import MAX_BODY, MAX_UPLOAD, body_limit
@@ -85,7 +85,7 @@ def test_other_kinds_of_body_are_refused(app, kind):
         ("/api/scenarios", MAX_FILE_BYTES),
         ("/api/scenarios/mine", MAX_FILE_BYTES),
         ("/api/scenarios/mine/open", MAX_BODY),
-        ("/api/scenarios/import", MAX_UPLOAD + 2**20),
+        ("/api/scenarios/import", MAX_UPLOAD),
     ],
 )
 def test_each_address_takes_only_so_much(path, limit):
@@ -143,20 +143,7 @@ async def exchange(app, method, path, chunk, *, first=None, length=None, kind=b"
     ]
     if length is not None:
         headers.append((b"content-length", length))
-    scope = {
-        "type": "http",
-        "asgi": {"version": "3.0"},
-        "http_version": "1.1",
-        "method": method,
-        "scheme": "http",
-        "path": path,
-        "raw_path": path.encode(),
-        "root_path": "",
-        "query_string": b"",
-        "headers": headers,
-        "client": ("127.0.0.1", 1),
-        "server": ("127.0.0.1", 8000),
-    }
+    scope = http_scope(method, path, path.encode(), headers)
     statuses, read, pending = [], 0, [first] if first else []
 
     async def receive():

@@ -7,7 +7,7 @@ from fastapi.testclient import TestClient
 from hypothesis import given
 from hypothesis import strategies as st
 from meadows import meadow_scene
-from served import BASE, BEARER, TOKEN, application, browser, silent_studio
+from served import BASE, BEARER, TOKEN, application, browser, http_scope, silent_studio
 from starlette.testclient import WebSocketDenialResponse
 
 from app.security import Gate, Hosts, is_plain, same_origin
@@ -75,20 +75,7 @@ def test_no_spelling_of_a_path_slips_through(app, path):
 async def raw_status(app, path: str, raw_path: str, headers: dict) -> int:
     """Send a request whose path no client library has tidied up."""
     lines = [(b"host", b"127.0.0.1:8000"), *((k.encode(), v.encode()) for k, v in headers.items())]
-    scope = {
-        "type": "http",
-        "asgi": {"version": "3.0"},
-        "http_version": "1.1",
-        "method": "GET",
-        "scheme": "http",
-        "path": path,
-        "raw_path": raw_path.encode(),
-        "root_path": "",
-        "query_string": b"",
-        "headers": lines,
-        "client": ("127.0.0.1", 1),
-        "server": ("127.0.0.1", 8000),
-    }
+    scope = http_scope("GET", path, raw_path.encode(), lines)
     statuses = []
 
     async def receive():
