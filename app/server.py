@@ -17,10 +17,10 @@ from urllib.parse import quote
 
 import uvicorn
 import viser
-from fastapi import FastAPI, HTTPException, WebSocket
+from fastapi import FastAPI, WebSocket
 from fastapi.responses import FileResponse, HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
-from starlette.types import Lifespan, Scope
+from starlette.types import Lifespan
 
 from app import telemetry, viewer_proxy
 from app.api import docs, errors, mission, runs, scenarios, things
@@ -105,11 +105,6 @@ class _Static(StaticFiles):
         response = super().file_response(*args, **kwargs)
         response.headers.setdefault("cache-control", "no-cache")
         return response
-
-    async def get_response(self, path: str, scope: Scope) -> Response:
-        if path.endswith(".py"):
-            raise HTTPException(404)
-        return await super().get_response(path, scope)
 
 
 def serve(settings: Settings, scenario: str | None = None) -> None:
