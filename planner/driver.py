@@ -145,7 +145,7 @@ class Driver:
         max_speed = float(np.clip(slowing, self.config.slowest, dwa.max_speed))
         # Arcs much longer than the way to the target would rather crawl than end beyond it.
         reach = math.dist(target, (percept.pose.x, percept.pose.y))
-        horizon = float(np.clip(1.2 * reach / max_speed, self.config.shortest_horizon, dwa.horizon))
+        horizon = float(np.clip(0.95 * reach / max_speed, self.config.shortest_horizon, dwa.horizon))
         v, w = candidates(dwa, percept.twist)
         return evaluate(replace(dwa, horizon=horizon), v, w, percept.pose, target, around, max_speed)
 

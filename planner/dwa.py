@@ -52,7 +52,7 @@ class Weights:
     velocity: float = 0.25
     goal: float = 1.0
     unknown: float = 0.1
-    tilt: float = 0.5
+    tilt: float = 1.2
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,7 @@ class DwaConfig:
     creep_speed : at which unknown ground may be entered
     margin : kept between footprint and obstacles, `speed_margin` more for each m/s, less only where the robot
         is nearer already and leaves at no more than `escape_speed`
+    moving_margin : kept to moving obstacles; nearer than 0.9 m from its middle a VLP-16 sees nothing
     point_radius : how far from its mapped point an obstacle's surface may be, half the diagonal of a cell
     tilt_limit : radians of roll and pitch together, predicted from the map under the wheels
     clearance_reach : obstacles farther than this do not matter
@@ -89,9 +90,10 @@ class DwaConfig:
     creep_speed: float = 0.5
     margin: float = 0.05
     speed_margin: float = 0.12
+    moving_margin: float = 0.3
     escape_speed: float = 0.3
     point_radius: float = 0.14
-    tilt_limit: float = HUSKY.max_slope
+    tilt_limit: float = math.radians(20.0)
     clearance_reach: float = 2.0
     footprint: Footprint = field(default_factory=lambda: Footprint(HUSKY.length, HUSKY.width))
     weights: Weights = field(default_factory=Weights)
@@ -217,6 +219,6 @@ def evaluate(
 
 
 def _discs(config: DwaConfig, moving: tuple[TrackedObstacle, ...]) -> np.ndarray:
-    reach = config.footprint.radius + config.margin
+    reach = config.footprint.radius + config.moving_margin
     discs = [(m.x, m.y, m.vx, m.vy, m.radius + reach) for m in moving]
     return np.array(discs, dtype=float).reshape(-1, 5)

@@ -17,7 +17,7 @@ from planner.perception import Perceiver
 from scenes.physics import RobotLostError, World
 from scenes.pose import Pose, Twist
 from scenes.rays import RayScene
-from scenes.scenario import Point, Scenario, Start, Walker, why_not_standing
+from scenes.scenario import Point, Scenario, Start, Terrain, Walker, why_not_standing
 
 TICK_S = 0.1
 REACHED_DISTANCE, REACHED_SPEED = 0.3, 0.12
@@ -247,8 +247,7 @@ class Mission:
 
         Raises ValueError where the terrain differs.
         """
-        ours, theirs = self.scenario.terrain, scenario.terrain
-        if theirs is not ours and theirs != ours:
+        if not _same_ground(self.scenario.terrain, scenario.terrain):
             raise ValueError("the terrain differs; open the scenario anew instead of editing it")
         old, self.scenario = self.scenario, scenario
         if scenario.cover != old.cover:
@@ -257,6 +256,8 @@ class Mission:
         if scenario.obstacles != old.obstacles:
             self._world.set_obstacles(scenario.obstacles)
         self._perceiver.edit(scenario)
+        self._method.reset()
+        self._decision = None
         if scenario.goal != old.goal and not self.status.final:
             self._begin_leg()
 
@@ -299,3 +300,10 @@ class Mission:
             self._method = method
         if leg.goal == (self.scenario.goal.x, self.scenario.goal.y):
             self._leg, self.status = leg, snapshot.status
+
+
+def _same_ground(one: Terrain, other: Terrain) -> bool:
+    return one is other or (
+        (one.resolution, one.surface, one.quality) == (other.resolution, other.surface, other.quality)
+        and np.array_equal(one.heights, other.heights)
+    )
