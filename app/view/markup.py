@@ -7,14 +7,14 @@ from html import escape
 
 from app.view import palette
 
-_CELL = "padding:2px 0;white-space:nowrap"
+_NAME = "padding:2px 12px 2px 0;white-space:nowrap;vertical-align:top;opacity:.65"
+_VALUE = "padding:2px 0;text-align:right;font-variant-numeric:tabular-nums"
 
 
 def table(rows: Iterable[tuple[str, str]]) -> str:
     """Names on the left, values on the right."""
     lines = (
-        f'<tr><td style="{_CELL};opacity:.65">{escape(name)}</td>'
-        f'<td style="{_CELL};text-align:right;font-variant-numeric:tabular-nums">{escape(value)}</td></tr>'
+        f'<tr><td style="{_NAME}">{escape(name)}</td><td style="{_VALUE}">{escape(value)}</td></tr>'
         for name, value in rows
     )
     return f'<table style="width:100%;border-collapse:collapse">{"".join(lines)}</table>'
