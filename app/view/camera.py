@@ -15,6 +15,8 @@ from scenes.terrain import Heightmap
 
 FIELD_OF_VIEW = math.radians(42.0)
 FOLLOW_BACK, FOLLOW_UP = 6.5, 3.6
+EYES = ((0.7, 0.85), (-0.7, 0.85), (0.2, 1.0), (-0.5, 1.25), (0.5, 1.25), (0.4, 2.1), (-0.4, 2.1))
+"""Where to try to look from, aside of the way and up, in lengths of the way; the first ones look best."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ def opening_view(scenario: Scenario, heightmap: Heightmap, rays: RayScene) -> Vi
         [[*p, float(heightmap.height_at(*p)) + 0.6] for p in (start, 0.5 * (start + goal), goal)]
     )
     best, most = None, -1
-    for aside, up in ((0.7, 0.85), (-0.7, 0.85), (0.2, 1.0), (-0.5, 1.25), (0.5, 1.25)):
+    for aside, up in EYES:
         view = _beside(start, goal, aside, up, heightmap)
         seen = _in_sight(view.position, targets, rays)
         if seen > most:
