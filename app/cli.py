@@ -180,12 +180,14 @@ def _serve(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace) -> None:
     from planner.frames import Perception
     from planner.mission import Mission
+    from planner.warm_up import warm_up
     from scenes.scenario import Point
 
     scenario = _open(arguments.scenario)
     if arguments.goal:
         scenario = scenario.revised(goal=Point(x=arguments.goal[0], y=arguments.goal[1]))
     _check_methods([arguments.method])
+    warm_up()
     mission = Mission(
         scenario,
         arguments.method,

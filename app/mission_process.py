@@ -15,6 +15,7 @@ from typing import Any
 
 from planner.frames import Frame, Perception, Status
 from planner.mission import Mission, MissionSnapshot
+from planner.warm_up import warm_up
 from scenes.scenario import Scenario
 
 FRAME_PERIOD_S = 1.0 / 15.0  # what the view can use
@@ -225,4 +226,5 @@ def child_main(pipe: connection.Connection, parent_end: connection.Connection) -
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's to handle
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the server has gone
+        warm_up()
         _Child(pipe).run()

@@ -15,6 +15,7 @@ from joblib import Parallel, delayed
 
 from planner.frames import Perception, Status
 from planner.mission import Mission
+from planner.warm_up import warm_up
 from scenes.families import generate
 from scenes.scenario import Family
 
@@ -37,6 +38,7 @@ def size_for(goal_distance: float) -> float:
 
 def drive(spec: MissionSpec) -> dict[str, Any]:
     """Drive one mission in full physics; the summary as `run --json` and what it was."""
+    warm_up()
     scenario = generate(
         spec.terrain, spec.seed, size_m=size_for(spec.goal_distance), goal_distance=spec.goal_distance
     )
