@@ -24,6 +24,7 @@ class CostConfig:
     obstacle : at the edge of the forbidden rim, falling to nothing at `obstacle_reach`
     unknown : where nothing is known
     rim : nearer to a mapped obstacle the robot's centre must not come
+    max_slope : steeper ground is forbidden; a degree more than the robot climbs, for maps are not exact
     """
 
     slope: float = 35.0
@@ -32,7 +33,7 @@ class CostConfig:
     unknown: float = 8.0
     rim: float = HUSKY.inscribed_radius + 0.14
     obstacle_reach: float = 1.3
-    max_slope: float = HUSKY.max_slope
+    max_slope: float = HUSKY.max_slope + math.radians(1.0)
     max_roughness: float = 0.08
 
 
@@ -71,7 +72,8 @@ class CostMap:
     def centre(self, row, col) -> np.ndarray:
         """(..., 2) world points of cell centres."""
         return np.stack(
-            [self.x_min + self.resolution * np.asarray(col), self.y_min + self.resolution * np.asarray(row)], -1
+            [self.x_min + self.resolution * np.asarray(col), self.y_min + self.resolution * np.asarray(row)],
+            -1,
         )
 
 

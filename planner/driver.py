@@ -1,7 +1,7 @@
 """Driving to a point with the dynamic window, and getting free again where it finds no way on.
 
-States: DRIVE toward the target; when no arc is admissible or nothing moves for a while BACK_OFF along the path
-just driven, TURN on the spot toward the freest direction, LEAVE that way for a stretch, and DRIVE again.
+States: DRIVE toward the target; when no arc is admissible or nothing moves for a while BACK_OFF along the
+path just driven, TURN on the spot toward the freest direction, LEAVE that way for a stretch, and DRIVE again.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ class DriverConfig:
     goal_tolerance : nearer to the goal the robot stops; the mission counts 0.3 m as reached
     deceleration : m/s² with which it slows down toward the goal; slowest : m/s it does not fall below before
     shortest_horizon : of the arcs when the target is near
-    patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery begins
-    backing, leaving : how far a recovery drives back and away; recovery_limit : longest any of its parts takes
+    patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery
+    backing, leaving : how far a recovery drives back and away
+    recovery_limit : longest that a part of it takes
     corridor : how far a free direction is looked along
     recoveries : in one region, after which the robot is stuck; region : its radius
     """
@@ -58,7 +59,7 @@ class DriverConfig:
 
 @dataclass(frozen=True)
 class Driven:
-    """One tick's command, the arcs it was chosen from, and in words why; `stuck` when recovery is given up."""
+    """One tick's command, the arcs it was chosen from, and why in words; `stuck` when it gives up."""
 
     command: Twist
     arcs: Arcs | None
@@ -193,7 +194,7 @@ class Driver:
         return self._entered is None or percept.time_s - self._entered.time_s > self.config.recovery_limit
 
     def _freest(self, percept: Percept, target: tuple[float, float]) -> float:
-        """World bearing along which the robot could go far, not far from the target's, and not tried before."""
+        """World bearing along which it could go far, not far from the target's, and not tried before."""
         bearings = 2.0 * np.pi * np.arange(48) / 48.0
         contact = 0.5 * self.config.dwa.footprint.width + self.config.dwa.contact_distance
         free = _corridors(percept, bearings, contact, self.config.corridor)
@@ -254,8 +255,8 @@ class Driver:
 
 
 def _corridors(percept: Percept, bearings: np.ndarray, half_width: float, reach: float) -> np.ndarray:
-    """(n,) metres that a disc of `half_width` can go along each world bearing before an obstacle point, at most
-    `reach`."""
+    """(n,) metres that a disc of `half_width` can go along each world bearing before an obstacle point, at
+    most `reach`."""
     offsets = percept.obstacle_points - (percept.pose.x, percept.pose.y)
     along = np.cos(bearings)[:, None] * offsets[:, 0] + np.sin(bearings)[:, None] * offsets[:, 1]
     across = np.cos(bearings)[:, None] * offsets[:, 1] - np.sin(bearings)[:, None] * offsets[:, 0]

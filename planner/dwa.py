@@ -27,8 +27,8 @@ _WHEELS = np.array(
 
 @dataclass(frozen=True)
 class Footprint:
-    """All that is nearer than `radius` to a core rectangle about the base; metres. A core without size makes a
-    round robot, no radius a rectangular one."""
+    """All that is nearer than `radius` to a core rectangle about the base; metres. A core without size makes
+    a round robot, no radius a rectangular one."""
 
     length: float
     width: float
@@ -40,11 +40,11 @@ class Weights:
     """What an arc is judged by; each weight times its term, lower is better.
 
     heading : per radian between the arc's end and the bearing of the target
-    clearance : per 1/m of the least distance from the footprint's core to an obstacle point, less its value at
-        `clearance_reach`
+    clearance : per 1/m of the least distance from the footprint's core to an obstacle point, less its value
+        at `clearance_reach`
     velocity : per m/s short of the highest allowed speed
     goal : per metre between the arc's end and the target
-    unknown, tilt : for an arc wholly on unknown ground; per unit of the greatest tangent of tilt
+    unknown, tilt : for an arc wholly on unknown ground; for one that tilts as far as the limits let it
     """
 
     heading: float = 0.3
@@ -52,7 +52,7 @@ class Weights:
     velocity: float = 0.25
     goal: float = 1.0
     unknown: float = 0.1
-    tilt: float = 1.2
+    tilt: float = 0.4
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,15 @@ class DwaConfig:
     control_period : over which the accelerations span the window
     horizon, dt : length and sampling of an arc
     heading_share : share of a step's turn taken before its translation (0.5: midpoint rule, 1: Euler)
-    braking, yaw_braking, reaction : what the robot can surely stop with and how late it begins; no braking means
-        that an arc must be free over its whole horizon
+    braking, yaw_braking, reaction : what the robot can surely stop with and how late it begins; no braking
+        means that an arc must be free over its whole horizon
     creep_speed : at which unknown ground may be entered
     margin : kept between footprint and obstacles, `speed_margin` more for each m/s, less only where the robot
         is nearer already and leaves at no more than `escape_speed`
     moving_margin : kept to moving obstacles; nearer than 0.9 m from its middle a VLP-16 sees nothing
     point_radius : how far from its mapped point an obstacle's surface may be, half the diagonal of a cell
-    tilt_limit : radians of roll and pitch together, predicted from the map under the wheels
+    pitch_limit, roll_limit : radians, predicted from the map under the wheels; less roll than pitch, for a
+        skid-steered robot that turns on a side slope slides down it
     clearance_reach : obstacles farther than this do not matter
     """
 
@@ -88,12 +89,13 @@ class DwaConfig:
     yaw_braking: float = 3.0
     reaction: float = 0.2
     creep_speed: float = 0.5
-    margin: float = 0.05
+    margin: float = 0.07
     speed_margin: float = 0.12
     moving_margin: float = 0.3
     escape_speed: float = 0.3
     point_radius: float = 0.14
-    tilt_limit: float = math.radians(20.0)
+    pitch_limit: float = math.radians(25.0)
+    roll_limit: float = math.radians(20.0)
     clearance_reach: float = 2.0
     footprint: Footprint = field(default_factory=lambda: Footprint(HUSKY.length, HUSKY.width))
     weights: Weights = field(default_factory=Weights)
@@ -198,7 +200,8 @@ def evaluate(
         0.5 * np.array([config.footprint.length, config.footprint.width]), config.contact_distance,
         config.speed_margin, config.escape_speed, ranked,
         _discs(config, surroundings.moving), ground.elevation.astype(float), ground.forbidden,
-        np.array([ground.x_min, ground.y_min, ground.resolution]), _WHEELS, math.tan(config.tilt_limit),
+        np.array([ground.x_min, ground.y_min, ground.resolution]), _WHEELS, 
+        np.tan([config.pitch_limit, config.roll_limit]),
     )  # fmt: skip
     weights = config.weights
     fastest = config.max_speed if max_speed is None else max_speed

@@ -13,13 +13,14 @@ from numba import njit
 COLLISION, CANNOT_STOP, MOVING_OBSTACLE, SLOPE, TILT, UNKNOWN_GROUND, OFF_THE_MAP = 1, 2, 3, 4, 5, 6, 7
 
 LEAVING_SLACK = 0.01
-"""Metres that something may come nearer while the robot leaves a margin, for no turn keeps a distance exactly."""
+"""Metres that something may come nearer while the robot leaves a margin: no turn keeps a distance exactly."""
 
 
 @njit(cache=True)
 def roll_out(
     v, w, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
-    half_size, contact, speed_margin, escape_speed, points, moving, elevation, forbidden, origin, wheels, tilt_limit,
+    half_size, contact, speed_margin, escape_speed, points, moving,
+    elevation, forbidden, origin, wheels, tilt_limits,
 ):  # fmt: skip
     """Every arc as far as it is free, and why it is not admissible.
 
@@ -27,18 +28,20 @@ def roll_out(
     heading_share : share of a step's turn taken before its translation (0.5: midpoint rule, 1: Euler)
     braking : (2,) m/s² and rad/s² the robot can surely stop with, 0 for "not at all"; reaction : s
     creep_speed : m/s at which unknown ground may be entered
-    half_size : (2,) half length and half width of the footprint's core, a rectangle; nearer to it than `contact`,
-        and `speed_margin` more for each m/s, nothing may come; up to `escape_speed` a robot that is nearer
-        already may leave
+    half_size : (2,) half length and half width of the footprint's core, a rectangle; nearer to it than
+        `contact`, and `speed_margin` more for each m/s, nothing may come; up to `escape_speed` a robot that
+        is nearer already may leave
     points : (m, 3) obstacle points x, y and distance from the start, nearest first
     moving : (k, 5) discs x, y, vx, vy, contact distance
     elevation, forbidden : (rows, cols) ground heights (NaN unknown) and untraversable cells, cell [0, 0] at
         `origin` (x, y, resolution); no rows: the ground is not looked at
-    wheels : (4, 2) contact points front left, front right, rear left, rear right; tilt_limit : tangent
+    wheels : (4, 2) contact points front left, front right, rear left, rear right
+    tilt_limits : (2,) tangents of the greatest pitch and roll; both together count as a share of 1
 
-    Returns paths (n, steps + 1, 5) of x, y, yaw and its cosine and sine, heading error at the end of the free part (rad), least distance of a
-    point to the core before contact (m), distance to the target at the end of the free part (m), share of poses
-    with a wheel on unknown ground, greatest tangent of tilt, time free of hazards (s), rejection (int8).
+    Returns paths (n, steps + 1, 5) of x, y, yaw and its cosine and sine, heading error at the end of the free
+    part (rad), least distance of a point to the core before contact (m), distance to the target at the end of
+    the free part (m), share of poses with a wheel on unknown ground, greatest share of the tilt limits, time
+    free of hazards (s), rejection (int8).
     """
     n = v.shape[0]
     paths = np.empty((n, steps + 1, 5))
@@ -55,8 +58,10 @@ def roll_out(
         discs[j, 4] = min(moving[j, 4], _least_distance(here, half_size, moving[j : j + 1]))
     bad_start, tilt_start = 0, 0.0
     if elevation.shape[0] > 0:
-        bad_start, _, _, tilt_start = _ground_under(here, wheels, elevation, forbidden, origin)
-    tilt_limit = max(tilt_limit, tilt_start)
+        bad_start, _, _, tilt_start = _ground_under(
+            here, wheels, elevation, forbidden, origin, tilt_limits
+        )
+    tilt_limit = max(1.0, tilt_start)
 
     for i in range(n):
         path, limit = paths[i], contact + speed_margin * abs(v[i])
@@ -74,7 +79,7 @@ def roll_out(
             hazard, free = COLLISION, last
         if elevation.shape[0] > 0:
             kind, free, unknown_share[i], unknown_step, tilt[i] = _until_bad_ground(
-                path, free, wheels, elevation, forbidden, origin, bad_start, tilt_limit
+                path, free, wheels, elevation, forbidden, origin, bad_start, tilt_limits, tilt_limit
             )
             hazard = kind if kind != 0 else hazard
 
@@ -148,13 +153,17 @@ def _until_moving(path, dt, half_size, discs):
 
 
 @njit(cache=True)
-def _until_bad_ground(path, last, wheels, elevation, forbidden, origin, bad_start, tilt_limit):
-    """What ground stops the arc by step `last` (0: none), the steps before it, the share of those with a wheel on
-    unknown cells, the steps before the first such, and the greatest tangent of tilt."""
+def _until_bad_ground(
+    path, last, wheels, elevation, forbidden, origin, bad_start, tilt_limits, tilt_limit
+):  # fmt: skip
+    """What ground stops the arc by step `last` (0: none), the steps before it, the share of those with a
+    wheel on unknown cells, the steps before the first such, and the greatest share of the tilt limits."""
     steps = path.shape[0] - 1
     unknown_poses, unknown_step, tilt = 0, steps, 0.0
     for k in range(1, last + 1):
-        bad, unknown, outside, lean = _ground_under(path[k], wheels, elevation, forbidden, origin)
+        bad, unknown, outside, lean = _ground_under(
+            path[k], wheels, elevation, forbidden, origin, tilt_limits
+        )
         kind = 0
         if outside:
             kind = OFF_THE_MAP
@@ -194,8 +203,8 @@ def _brake_time(speed, braking):
 
 
 @njit(cache=True)
-def _ground_under(pose, wheels, elevation, forbidden, origin):
-    """Number of wheels on untraversable cells, on unknown cells, whether one is off the map, tangent of tilt."""
+def _ground_under(pose, wheels, elevation, forbidden, origin, tilt_limits):
+    """Wheels on untraversable cells, on unknown cells, whether one is off the map, share of the limits."""
     rows, cols = elevation.shape
     bad, unknown = 0, 0
     along, across = 0.0, 0.0
@@ -212,8 +221,8 @@ def _ground_under(pose, wheels, elevation, forbidden, origin):
         height = _height(u, r, elevation)
         along += height if i < 2 else -height
         across += height if i % 2 == 0 else -height
-    along /= 2.0 * (wheels[0, 0] - wheels[2, 0])
-    across /= 2.0 * (wheels[0, 1] - wheels[1, 1])
+    along /= 2.0 * (wheels[0, 0] - wheels[2, 0]) * tilt_limits[0]
+    across /= 2.0 * (wheels[0, 1] - wheels[1, 1]) * tilt_limits[1]
     lean = math.sqrt(along * along + across * across)
     return bad, unknown, False, 0.0 if math.isnan(lean) else lean
 
@@ -222,8 +231,8 @@ def _ground_under(pose, wheels, elevation, forbidden, origin):
 def _height(u, r, elevation):
     """Bilinear height at column u, row r; the nearest cell's where a neighbour is unknown."""
     rows, cols = elevation.shape
-    col = min(max(int(math.floor(u)), 0), cols - 2)
-    row = min(max(int(math.floor(r)), 0), rows - 2)
+    col = min(max(math.floor(u), 0), cols - 2)
+    row = min(max(math.floor(r), 0), rows - 2)
     du, dr = min(max(u - col, 0.0), 1.0), min(max(r - row, 0.0), 1.0)
     south = (1.0 - du) * elevation[row, col] + du * elevation[row, col + 1]
     north = (1.0 - du) * elevation[row + 1, col] + du * elevation[row + 1, col + 1]

@@ -31,7 +31,10 @@ def in_cover(percept: Percept) -> bool:
     found = percept.detections
     places = [(detection.x_pos, detection.y_pos, detection.z_pos) for detection in found]
     return detect_cover(
-        [detection.class_name for detection in found], places, robot, [detection.confidence for detection in found]
+        [detection.class_name for detection in found],
+        places,
+        robot,
+        [detection.confidence for detection in found],
     )
 
 

@@ -28,7 +28,8 @@ DRAWN_SCAN_POINTS = 4000
 @dataclass(frozen=True)
 class MissionSnapshot:
     """Enough to go on with a mission in another process, from a standstill: simulated time and tick, the true
-    pose, and as pickles of our own making the leg, the perceiver's map and random numbers and the method's state.
+    pose, and as pickles of our own making the leg, the perceiver's map and random numbers and the method's
+    state.
     """
 
     time_s: float
@@ -141,9 +142,11 @@ class Mission:
         return self._perceiver.perceive(self._rays, world.pose, world.twist, world.time_s, self._leg.goal)
 
     def _decide(self, percept: Percept) -> Decision:
-        if self._decision is None or self._tick - self._decided_tick >= self._ticks_per_decision:
-            self._decision, self._decided_tick = self._method.decide(percept), self._tick
-        return self._decision
+        decision = self._decision
+        if decision is None or self._tick - self._decided_tick >= self._ticks_per_decision:
+            self._decision = decision = self._method.decide(percept)
+            self._decided_tick = self._tick
+        return decision
 
     def _act(self, command: Twist) -> str:
         """Move the world; the words for an end of the drive, empty while it goes on."""
@@ -172,7 +175,12 @@ class Mission:
         return Status.RUNNING, ""
 
     def _make_frame(
-        self, percept: Percept | None, decision: Decision | None, message: str, covered: bool, planner_ms: float
+        self,
+        percept: Percept | None,
+        decision: Decision | None,
+        message: str,
+        covered: bool,
+        planner_ms: float,
     ) -> Frame:
         world, time_s = self._world, self._world.time_s
         scan = self._perceiver.scan_points
@@ -187,8 +195,12 @@ class Mission:
             percept=percept,
             decision=decision,
             metrics=self._leg.metrics,
-            observers=tuple(self._stand(observer.id, observer, time_s) for observer in self.scenario.observers),
-            obstacles=tuple(self._stand(obstacle.id, obstacle, time_s) for obstacle in self.scenario.obstacles),
+            observers=tuple(
+                self._stand(observer.id, observer, time_s) for observer in self.scenario.observers
+            ),
+            obstacles=tuple(
+                self._stand(obstacle.id, obstacle, time_s) for obstacle in self.scenario.obstacles
+            ),
             scan_points=scan[:: max(1, math.ceil(len(scan) / DRAWN_SCAN_POINTS))],
             message=message,
             in_cover=covered,
@@ -288,7 +300,13 @@ class Mission:
         """The present moment for a new `Mission`, in this or another process."""
         memory = pickle.dumps((self._leg, self._perceiver, self._method), pickle.HIGHEST_PROTOCOL)
         return MissionSnapshot(
-            self._world.time_s, self._tick, self._world.pose, self._leg.goal, self.status, self.method_name, memory
+            self._world.time_s,
+            self._tick,
+            self._world.pose,
+            self._leg.goal,
+            self.status,
+            self.method_name,
+            memory,
         )
 
     def _resume(self, snapshot: MissionSnapshot, perception: Perception) -> None:

@@ -13,8 +13,8 @@ DIAGONAL = math.sqrt(2.0)
 
 @dataclass(frozen=True)
 class Route:
-    """cells : (k, 2) int rows and columns from start to end; cost : integral of the cost over the way, with the
-    cost-to-go from its last cell; reason : why there is none, empty where there is one."""
+    """cells : (k, 2) int rows and columns from start to end; cost : integral of the cost over the way, with
+    the cost-to-go from its last cell; reason : why there is none, empty where there is one."""
 
     cells: np.ndarray
     cost: float
@@ -35,8 +35,8 @@ def least_cost_route(
         way ends at the border cell from which way and straight line together are the cheapest, the straight
         line at the cheapest cost of the grid
 
-    A* with a consistent lower bound; of equally cheap cells the first in row order goes first, so that the same
-    grid gives the same route.
+    A* with a consistent lower bound; of equally cheap cells the first in row order goes first: the same grid
+    gives the same route.
     """
     rows, cols = cost.shape
     if not (0 <= start[0] < rows and 0 <= start[1] < cols):
@@ -57,7 +57,7 @@ def least_cost_route(
     cells = [end]
     while cells[-1] != start[0] * cols + start[1]:
         cells.append(int(parent[cells[-1]]))
-    return Route(np.stack(np.divmod(np.array(cells[::-1]), cols), axis=1), total)
+    return Route(np.stack(np.divmod(np.array(cells[::-1]), cols), axis=1), float(total))
 
 
 def _none(reason: str) -> Route:

@@ -81,9 +81,7 @@ class LeastCost:
         self._no_route_since = None
         rest = self._rest_of_route(percept, plan)
         waypoint = self._waypoint(percept, plan, rest)
-        ground = ground_near(
-            percept.grid, percept.pose.x, percept.pose.y, GROUND_REACH, self.config.cost
-        )
+        ground = ground_near(percept.grid, percept.pose.x, percept.pose.y, GROUND_REACH, self.config.cost)
         driven = self._driver.drive(percept, waypoint, ground)
         return Decision(
             driven.command, waypoint, rest, plan.patch, driven.arcs,
@@ -171,7 +169,12 @@ class LeastCost:
 
 
 def _open_about(
-    cost: np.ndarray, cost_map: CostMap, centre: np.ndarray, radius: float, dearest: float, blocked: np.ndarray
+    cost: np.ndarray,
+    cost_map: CostMap,
+    centre: np.ndarray,
+    radius: float,
+    dearest: float,
+    blocked: np.ndarray,
 ) -> None:
     """Let forbidden cells about a world point that hold no obstacle be passed at the highest cost."""
     row, col = cost_map.cell(*centre)

@@ -9,6 +9,7 @@ from planner.perception import nearest_points, obstacle_distances, obstacle_poin
 from scenes.pose import Pose, Twist
 
 HALF = 8.0
+STILL = Twist()
 
 
 def grid_map(height=lambda x, y: 0.0 * x, blocked=lambda x, y: False, unknown=lambda x, y: False) -> GridMap:
@@ -24,7 +25,7 @@ def grid_map(height=lambda x, y: 0.0 * x, blocked=lambda x, y: False, unknown=la
 
 
 def percept(
-    grid: GridMap, pose: Pose, goal=(6.0, 0.0), twist: Twist = Twist(), time_s: float = 0.0, moving=()
+    grid: GridMap, pose: Pose, goal=(6.0, 0.0), twist: Twist = STILL, time_s: float = 0.0, moving=()
 ) -> Percept:
     points = obstacle_points(grid)
     return Percept(
@@ -46,7 +47,7 @@ def moved(pose: Pose, twist: Twist, seconds: float = 0.1) -> Pose:
 
 
 def drive(decide, grid: GridMap, pose: Pose, goal=(6.0, 0.0), ticks: int = 400, moving=lambda time_s: ()):
-    """Let `decide` drive a robot that follows exactly; [(percept, what it decided)] until the goal is reached."""
+    """Let `decide` drive a robot that follows exactly: [(percept, decided)] until the goal is reached."""
     log, twist = [], Twist()
     for tick in range(ticks):
         now = percept(grid, pose, goal, twist, 0.1 * tick, moving(0.1 * tick))

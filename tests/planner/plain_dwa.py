@@ -1,4 +1,4 @@
-"""The dynamic window's inner loop once more, as plain numpy without short cuts, to compare the kernel with."""
+"""The dynamic window's inner loop as plain numpy without short cuts, to compare the kernel with."""
 
 import numpy as np
 
@@ -8,7 +8,8 @@ from planner.frames import Rejection
 
 def roll_out(
     v, w, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
-    half_size, contact, speed_margin, escape_speed, points, moving, elevation, forbidden, origin, wheels, tilt_limit,
+    half_size, contact, speed_margin, escape_speed, points, moving,
+    elevation, forbidden, origin, wheels, tilt_limits,
 ):  # fmt: skip
     """Arguments and results as `planner.dwa_kernel.roll_out`, but poses (n, steps + 1, 3) first."""
     k = np.arange(1, steps + 1)
@@ -18,7 +19,8 @@ def roll_out(
     y = start[1] + np.cumsum(v[:, None] * dt * np.sin(middle), axis=1)
     poses = np.concatenate([np.tile(start, (len(v), 1, 1)), np.stack([x, y, yaw], axis=2)], axis=1)
     gaps = core_distances(poses, points[:, :2], half_size).min(axis=-1, initial=np.inf)
-    ground = ground_under(poses, elevation, forbidden, origin, wheels) if len(elevation) else None
+    look = len(elevation) > 0
+    ground = ground_under(poses, elevation, forbidden, origin, wheels, tilt_limits) if look else None
     rows = []
     for i in range(len(v)):
         free, hazard = steps, Rejection.NONE
@@ -43,7 +45,7 @@ def roll_out(
                 kind = (
                     Rejection.OFF_THE_MAP if outside[s]
                     else Rejection.SLOPE if bad[s] > bad[0]
-                    else Rejection.TILT if lean[s] > max(tilt_limit, lean[0])
+                    else Rejection.TILT if lean[s] > max(1.0, lean[0])
                     else Rejection.NONE
                 )  # fmt: skip
                 if kind:
@@ -87,8 +89,8 @@ def core_distances(poses, points, half_size):
     return np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
 
 
-def ground_under(poses, elevation, forbidden, origin, wheels):
-    """Per pose (n, steps): wheels on forbidden and on unknown cells, whether one is off the map, tilt's tangent."""
+def ground_under(poses, elevation, forbidden, origin, wheels, tilt_limits):
+    """Per pose: wheels on forbidden and on unknown cells, whether one is off the map, share of the limits."""
     cos, sin = np.cos(poses[..., 2])[..., None], np.sin(poses[..., 2])[..., None]
     u = (poses[..., None, 0] + cos * wheels[:, 0] - sin * wheels[:, 1] - origin[0]) / origin[2]
     r = (poses[..., None, 1] + sin * wheels[:, 0] + cos * wheels[:, 1] - origin[1]) / origin[2]
@@ -98,9 +100,13 @@ def ground_under(poses, elevation, forbidden, origin, wheels):
     row, col = np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)
     heights = bilinear(u, r, elevation)
     heights = np.where(np.isnan(heights), elevation[row, col], heights)
-    along = (heights[..., 0] + heights[..., 1] - heights[..., 2] - heights[..., 3]) / (2 * (wheels[0, 0] - wheels[2, 0]))
-    across = (heights[..., 0] + heights[..., 2] - heights[..., 1] - heights[..., 3]) / (2 * (wheels[0, 1] - wheels[1, 1]))
-    lean = np.nan_to_num(np.hypot(along, across))
+    along = (heights[..., 0] + heights[..., 1] - heights[..., 2] - heights[..., 3]) / (
+        2 * (wheels[0, 0] - wheels[2, 0])
+    )
+    across = (heights[..., 0] + heights[..., 2] - heights[..., 1] - heights[..., 3]) / (
+        2 * (wheels[0, 1] - wheels[1, 1])
+    )
+    lean = np.nan_to_num(np.hypot(along / tilt_limits[0], across / tilt_limits[1]))
     return (
         forbidden[row, col].sum(axis=-1), np.isnan(elevation[row, col]).sum(axis=-1), off.any(axis=-1), lean,
     )  # fmt: skip

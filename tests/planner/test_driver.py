@@ -105,6 +105,7 @@ def test_reset_forgets_a_recovery():
 def test_the_same_percepts_give_the_same_commands():
     grid = grid_map(blocked=lambda x, y: (np.abs(x - 2.0) < 0.3) & (np.abs(y) < 1.0))
     one, two = (
-        [driven.command for _, driven in drive(toward_goal(Driver()), grid, ORIGIN, ticks=150)] for _ in range(2)
+        [driven.command for _, driven in drive(toward_goal(Driver()), grid, ORIGIN, ticks=150)]
+        for _ in range(2)
     )
     assert one == two

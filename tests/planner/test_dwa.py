@@ -57,7 +57,9 @@ def test_standing_still_driving_straight_and_turning_on_the_spot_are_candidates_
 
 
 def test_arcs_follow_the_circle_of_their_velocities():
-    rollout = evaluate(CONFIG, np.array([0.8]), np.array([1.0]), Pose(1.0, 2.0, 0.0, yaw=0.3), (9, 9), NOTHING)
+    rollout = evaluate(
+        CONFIG, np.array([0.8]), np.array([1.0]), Pose(1.0, 2.0, 0.0, yaw=0.3), (9, 9), NOTHING
+    )
     x, y, yaw = rollout.arcs.poses[0, -1]
     radius = 0.8
     assert yaw == pytest.approx(2.3)
@@ -135,6 +137,13 @@ def test_ground_that_cannot_be_driven_rejects_fast_arcs(change, expected):
     assert rejection_of(0.0, 0.5, surroundings) == Rejection.NONE
 
 
+def test_rolling_on_a_side_slope_is_limited_more_than_pitching_up_it():
+    x, _ = np.meshgrid(0.2 * np.arange(31), np.arange(31))
+    slope = Surroundings(np.zeros((0, 2)), (), ground(math.tan(math.radians(22.5)) * x))
+    assert rejection_of(0.8, 0.0, slope) == Rejection.NONE
+    assert rejection_of(0.0, 1.2, slope, pose=Pose(0.0, 0.0, 0.0, yaw=0.8)) == Rejection.TILT
+
+
 def test_unknown_ground_may_be_entered_at_a_creep_only_and_costs():
     elevation = np.zeros((31, 31))
     elevation[:, 17:] = np.nan
@@ -148,7 +157,9 @@ def test_unknown_ground_may_be_entered_at_a_creep_only_and_costs():
 
 def test_nothing_admissible_chooses_nothing():
     around = np.array([(0.52 * math.cos(a), 0.52 * math.sin(a)) for a in np.linspace(0, 6.2, 40)])
-    arcs = evaluate(CONFIG, np.array([0.8, 1.0]), np.array([0.0, 0.2]), ORIGIN, (9, 0), Surroundings(around)).arcs
+    arcs = evaluate(
+        CONFIG, np.array([0.8, 1.0]), np.array([0.0, 0.2]), ORIGIN, (9, 0), Surroundings(around)
+    ).arcs
     assert arcs.chosen == -1
     assert np.isinf(arcs.total).all()
 
@@ -173,12 +184,13 @@ def test_the_same_question_has_the_same_answer():
 
 
 def test_a_round_robot_with_pythonrobotics_terms_can_be_asked():
-    """Heading weight 0.15, speed 1, obstacle 1 / distance, no braking, Euler steps: its published defaults."""
+    """Heading weight 0.15, speed 1, obstacle 1 / distance, no braking, Euler steps: its defaults."""
     config = DwaConfig(
         max_speed=1.0, min_speed=-0.5, max_yaw_rate=math.radians(40), acceleration=0.2,
         yaw_acceleration=math.radians(40), horizon=3.1, heading_share=1.0, braking=0.0, yaw_braking=0.0,
-        reaction=0.0, margin=0.0, speed_margin=0.0, escape_speed=0.0, point_radius=0.0, clearance_reach=math.inf,
-        footprint=Footprint(0.0, 0.0, 1.0), weights=Weights(0.15, 1.0, 1.0, 0.0, 0.0, 0.0),
+        reaction=0.0, margin=0.0, speed_margin=0.0, escape_speed=0.0, point_radius=0.0,
+        clearance_reach=math.inf, footprint=Footprint(0.0, 0.0, 1.0),
+        weights=Weights(0.15, 1.0, 1.0, 0.0, 0.0, 0.0),
     )  # fmt: skip
     points = np.array([[4.0, 2.0], [5.0, 4.0], [1.0, 1.3], [2.0, -0.5]])
     v, w = np.array([0.5, 0.52, 0.48]), np.array([0.0, 0.6, -0.3])
@@ -215,7 +227,7 @@ def test_kernel_agrees_with_its_plain_twin(seed):
         rng.uniform(-0.3, 1.0, 12), rng.uniform(-1.5, 1.5, 12), start, rng.uniform(-5, 5, 2), 20, 0.1,
         rng.choice([0.5, 1.0]), rng.choice([0.0, 1.5]) * np.array([1.0, 2.0]), rng.choice([0.0, 0.2]), 0.4,
         rng.choice([0.0, 1.0]) * np.array([0.5, 0.33]), rng.uniform(0.1, 0.4), rng.choice([0.0, 0.1]), 0.3,
-        ranked, moving, elevation, forbidden, np.array([-3.0, -3.0, 0.2]), WHEELS, math.tan(0.4),
+        ranked, moving, elevation, forbidden, np.array([-3.0, -3.0, 0.2]), WHEELS, np.tan([0.4, 0.3]),
     )  # fmt: skip
     ours, plain = dwa_kernel.roll_out(*arguments), plain_dwa.roll_out(*arguments)
     np.testing.assert_array_equal(ours[-1], plain[-1])

@@ -1,10 +1,11 @@
-"""The loop: a mission starts, drives, ends for a reason, can be changed while it runs, and can go on elsewhere."""
+"""The loop: a mission drives, ends for a reason, can be changed while it runs, and can go on elsewhere."""
 
 import hashlib
 import math
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -278,8 +279,6 @@ def determined(method: str) -> Mission:
 
 @pytest.mark.parametrize("method", ["least_cost", "dwa"])
 def test_the_same_drive_is_the_same_to_the_last_bit_in_another_process(method):
-    from pathlib import Path
-
     with determined(method) as drive:
         here = fingerprint(drive)
     command = [sys.executable, "-c", SCRIPT, str(Path(__file__).parent), method]

@@ -79,7 +79,12 @@ def test_a_goal_beyond_the_grid_is_left_toward_by_the_best_border_cell(goal):
         (np.s_[4, 4], (2, 2), (4, 4), "goal is on forbidden"),
         (np.s_[:, 6], (2, 2), (4, 9), "every way to the goal is blocked"),
         (np.s_[3, :], (2, 2), (4, 9), "every way to the goal is blocked"),
-        (np.s_[[1, 1, 1, 2, 2, 3, 3, 3], [1, 2, 3, 1, 3, 1, 2, 3]], (2, 2), (4, 99), "every way out of the map"),
+        (
+            np.s_[[1, 1, 1, 2, 2, 3, 3, 3], [1, 2, 3, 1, 3, 1, 2, 3]],
+            (2, 2),
+            (4, 99),
+            "every way out of the map",
+        ),
     ],
 )
 def test_without_a_route_the_reason_is_given(forbidden, start, goal, reason):
