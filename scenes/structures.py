@@ -210,6 +210,8 @@ def _truck(length: float, width: float, height: float, paint: Colour) -> Solid:
     tarp: Colour = (112, 112, 88)
     return join(
         box((0, 0, 0.85 * floor), (0.96 * length, 0.5 * width, 0.3 * floor), (62, 58, 54)),
+        # Low enough for a lidar on the Husky to see that there is no way under the bed.
+        box((0.0, 0.0, 0.2 * height), (0.94 * length, 0.84 * width, 0.28 * height), (52, 50, 46)),
         box((0.41 * length, 0, 0.47 * height), (0.18 * length, 0.86 * width, 0.3 * height), paint),
         frustum((0.2 * length, width), (0.16 * length, 0.9 * width), (floor, 0.86 * height), paint)
         .moved(x=0.22 * length),

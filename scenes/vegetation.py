@@ -92,6 +92,10 @@ def rock(rng: np.random.Generator, length: float, width: float, height: float) -
     points = np.column_stack(
         [reach * squareness * np.cos(bearing), reach * squareness * np.sin(bearing), rise]
     )
+    # Low corners, so that it can be seen where it blocks: its footprint is a rectangle.
+    corners = [(x, y, z) for x in (-0.84, 0.84) for y in (-0.84, 0.84) for z in (-0.35, 0.35)]
+    points = np.vstack([points, corners])
+    rise = points[:, 2].copy()
     points[rise > 0.5, :2] += rng.uniform(-0.25, 0.25, 2)
     points *= (0.5 * length, 0.5 * width, 1.0)
     points[:, 2] *= np.where(rise > 0.0, height, 1.0)
