@@ -37,7 +37,7 @@ class MapConfig:
 
     size: float = 40.0
     resolution: float = 0.2
-    clearance: float = HUSKY.lidar_mount.z + 0.1
+    clearance: float = HUSKY.height + 0.2
     max_step: float = HUSKY.max_step
     max_slope: float = HUSKY.max_slope
     max_gap: int = 3
