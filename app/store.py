@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -134,7 +135,7 @@ class Store:
         plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
         stem = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[: MAX_ID - 8].strip("-") or "scenario"
         taken = set(shipped()) | {path.stem for path in self._folder.glob("*.json")}
-        candidates = (stem, *(f"{stem}-{number}" for number in range(2, 1_000_000)))
+        candidates = chain([stem], (f"{stem}-{number}" for number in count(2)))
         return next(candidate for candidate in candidates if candidate not in taken)
 
     def save(self, scenario_id: str, scenario: Scenario) -> None:

@@ -22,7 +22,7 @@ from scenes.scenario import Scenario
 SILENCE_LIMIT_S = 8.0
 LOADING_LIMIT_S = 180.0
 RESTARTS_BEFORE_GIVING_UP = 3
-CALM_AFTER_S = 20.0
+CALM_AFTER_S = 60.0  # a process that has lived this long was not broken from the start
 
 
 @dataclass
@@ -37,6 +37,7 @@ class _Running:
     process: Any
     pipe: connection.Connection
     sent: int = 0
+    since: float = field(default_factory=time.monotonic)
     patience_s: float = LOADING_LIMIT_S
     lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -61,7 +62,7 @@ class MissionWorker:
         self._loaded: Load | None = None
         self._snapshot: MissionSnapshot | None = None
         self._factor = 1.0
-        self._deaths: list[float] = []
+        self._deaths = 0
         self._closing = False
         self._running: _Running | None = None
         self._thread = threading.Thread(target=self._watch, name="mission-watch", daemon=True)
@@ -95,7 +96,7 @@ class MissionWorker:
         with self._guard:
             self._generation += 1
             self._snapshot = None
-            self._deaths.clear()
+            self._deaths = 0
             self._loaded = Load(self._generation, scenario, method, seed, perception, None, playing)
             if self._running is None:
                 self._spawn()
@@ -132,7 +133,7 @@ class MissionWorker:
     def play(self, playing: bool) -> None:
         with self._guard:
             if self._running is None and self._loaded is not None:
-                self._deaths.clear()
+                self._deaths = 0
                 self._spawn()
             self._send(Play(playing))
 
@@ -213,10 +214,10 @@ class MissionWorker:
 
     def _bury(self, running: _Running, silent: bool) -> None:
         running.pipe.close()
-        now = time.monotonic()
         with self._guard:
-            self._deaths = [then for then in self._deaths if now - then < CALM_AFTER_S] + [now]
-            restore = len(self._deaths) < RESTARTS_BEFORE_GIVING_UP
+            calm = time.monotonic() - running.since > CALM_AFTER_S
+            self._deaths = 1 if calm else self._deaths + 1
+            restore = self._deaths < RESTARTS_BEFORE_GIVING_UP
             self._running = None
             reason = "stopped answering" if silent else _how_it_ended(running.process.exitcode)
             self._listeners.died(reason, restore)

@@ -42,9 +42,14 @@ def test_an_id_never_leaves_the_folder(store, meadow, bad):
         store.load(bad)
 
 
+@pytest.fixture(scope="module")
+def empty_store(tmp_path_factory) -> Store:
+    return Store(tmp_path_factory.mktemp("ids"))
+
+
 @given(name=st.text(max_size=120))
-def test_every_name_gives_a_usable_id(tmp_path_factory, name):
-    made = Store(tmp_path_factory.getbasetemp() / "ids").new_id(name)
+def test_every_name_gives_a_usable_id(empty_store, name):
+    made = empty_store.new_id(name)
     assert ID_PATTERN.fullmatch(made) and len(made) <= MAX_ID
 
 

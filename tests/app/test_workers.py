@@ -3,11 +3,12 @@
 import os
 import queue
 import signal
+import time
 
 import pytest
 
 from app.mission_process import Progress
-from app.workers import MissionWorker
+from app.workers import RESTARTS_BEFORE_GIVING_UP, MissionWorker
 from planner.frames import Perception, Status
 
 PATIENCE_S = 60.0
@@ -88,13 +89,13 @@ def test_a_killed_process_is_replaced_and_goes_on_from_its_last_state(worker, re
 
 def test_a_process_that_dies_again_and_again_is_given_up_until_asked_for(worker, reports, meadow):
     worker.load(meadow, "least_cost", 0, Perception.ORACLE)
-    restoring = True
-    while restoring:
-        reports.until(lambda report: report.frame is not None or report.status is Status.IDLE)
-        while not reports.queue.empty():
-            reports.queue.get_nowait()
+    died = []
+    while not died or died[-1]:
+        while worker.pid is None:  # the next one is being started
+            time.sleep(0.01)
         os.kill(worker.pid, signal.SIGKILL)
-        _, restoring = reports.deaths.get(timeout=PATIENCE_S)
+        died.append(reports.deaths.get(timeout=PATIENCE_S)[1])
+    assert died == [True] * (RESTARTS_BEFORE_GIVING_UP - 1) + [False]
     worker.load(meadow, "least_cost", 0, Perception.ORACLE)
     assert reports.until(lambda report: report.status is Status.IDLE)
 
