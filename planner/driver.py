@@ -15,7 +15,7 @@ import numpy as np
 
 from planner.dwa import DwaConfig, Ground, Rollout, Surroundings, Weights, candidates, evaluate
 from planner.frames import Arcs, Percept, Rejection
-from scenes.pose import Twist, wrap_angle
+from scenes.pose import Pose, Twist, wrap_angle
 
 TRAIL_SPACING = 0.1
 
@@ -37,6 +37,8 @@ class DriverConfig:
     patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery
     backing, leaving : how far a recovery drives back and away
     recovery_limit : longest that a part of it takes
+    least_turn, slip_rate, most_pivot : turns a tick from which slip aside is learnt, how fast, and the most
+        metres for each radian that are believed
     corridor : how far a free direction is looked along
     recoveries : in one region, after which the robot is stuck; region : its radius
     """
@@ -51,6 +53,9 @@ class DriverConfig:
     backing: float = 0.7
     leaving: float = 1.5
     recovery_limit: float = 5.0
+    least_turn: float = 0.03
+    slip_rate: float = 0.2
+    most_pivot: float = 0.4
     corridor: float = 3.0
     region: float = 2.5
     recoveries: int = 10
@@ -98,6 +103,8 @@ class Driver:
         self._blocked_since: float | None = None
         self._trail: deque[tuple[float, float]] = deque(maxlen=60)
         self._direction = 0.0
+        self._pivot = 0.0
+        self._before: Pose | None = None
         self._tried: list[float] = []
         self._trouble: _Mark | None = None
         self._recoveries = 0
@@ -105,6 +112,7 @@ class Driver:
     def drive(self, percept: Percept, target: tuple[float, float], ground: Ground) -> Driven:
         """The command toward `target` (world), slowing down as the percept's goal comes near."""
         self._remember(percept)
+        self._learn_slip(percept.pose)
         around = Surroundings(percept.obstacle_points, percept.moving, ground)
         if self._recoveries > self.config.recoveries:
             return Driven(Twist(), None, "stuck: no way on after many attempts", stuck=True)
@@ -148,7 +156,8 @@ class Driver:
         reach = math.dist(target, (percept.pose.x, percept.pose.y))
         horizon = float(np.clip(0.95 * reach / max_speed, self.config.shortest_horizon, dwa.horizon))
         v, w = candidates(dwa, percept.twist)
-        return evaluate(replace(dwa, horizon=horizon), v, w, percept.pose, target, around, max_speed)
+        dwa = replace(dwa, horizon=horizon)
+        return evaluate(dwa, v, w, percept.pose, target, around, max_speed, self._pivot)
 
     def _words(self, percept: Percept) -> str:
         return f"driving to the goal, {percept.goal_distance:.1f} m left"
@@ -163,6 +172,21 @@ class Driver:
             self._progress = _Mark.of(percept)
         if self._trouble is not None and self._trouble.distance(percept) > self.config.region:
             self._trouble, self._recoveries, self._tried = None, 0, []
+
+    def _learn_slip(self, pose: Pose) -> None:
+        """A skid-steered robot turns about the axle that bears more, so its middle slips aside; by how much
+        is seen from its own poses."""
+        before, self._before = self._before, pose
+        if before is None:
+            return
+        turned = float(wrap_angle(pose.yaw - before.yaw))
+        dx, dy = pose.x - before.x, pose.y - before.y
+        if abs(turned) < self.config.least_turn or math.hypot(dx, dy) > 0.5:
+            return
+        middle = before.yaw + 0.5 * turned
+        slipped = math.cos(middle) * dy - math.sin(middle) * dx
+        pivot = float(np.clip(slipped / turned, -self.config.most_pivot, self.config.most_pivot))
+        self._pivot += self.config.slip_rate * (pivot - self._pivot)
 
     def _moves_on(self, percept: Percept) -> bool:
         mark = self._progress
@@ -219,7 +243,9 @@ class Driver:
             weights = Weights(heading=0.0, velocity=0.5)
             dwa = replace(self.config.dwa, weights=weights)
             if back.any():
-                rollout = evaluate(dwa, v[back], w[back], percept.pose, behind, around, dwa.min_speed)
+                rollout = evaluate(
+                    dwa, v[back], w[back], percept.pose, behind, around, dwa.min_speed, self._pivot
+                )
                 if rollout.arcs.chosen >= 0:
                     note = f"backing off: {self._reason}"
                     return Driven(_command(rollout.arcs), rollout.arcs, note)
@@ -235,7 +261,7 @@ class Driver:
             for w in (rate, -rate):
                 rollout = evaluate(
                     replace(self.config.dwa, horizon=1.0),
-                    np.zeros(1), np.array([w]), percept.pose, target, around,
+                    np.zeros(1), np.array([w]), percept.pose, target, around, pivot=self._pivot,
                 )  # fmt: skip
                 if rollout.arcs.chosen >= 0:
                     note = f"turning to a free direction: {self._reason}"

@@ -184,10 +184,12 @@ def evaluate(
     target: tuple[float, float],
     surroundings: Surroundings,
     max_speed: float | None = None,
+    pivot: float = 0.0,
 ) -> Rollout:
     """Roll out and weigh the candidates v, w (n,) from `pose` (world, base) toward `target`.
 
     max_speed : what the velocity term and the choice aim at, when lower than the robot's own
+    pivot : metres to the left that the robot slips for each radian it turns
     """
     start = np.array([pose.x, pose.y, pose.yaw])
     points = np.ascontiguousarray(surroundings.points, dtype=float).reshape(-1, 2)
@@ -195,7 +197,7 @@ def evaluate(
     ranked = np.column_stack([points, ranges])[np.argsort(ranges, kind="stable")]
     ground = surroundings.ground
     paths, heading, nearest, distance, unknown, tilt, free_time, rejection = roll_out(
-        v, w, start, np.array(target, float), config.steps, config.dt, config.heading_share,
+        v, w, pivot, start, np.array(target, float), config.steps, config.dt, config.heading_share,
         np.array([config.braking, config.yaw_braking]), config.reaction, config.creep_speed,
         0.5 * np.array([config.footprint.length, config.footprint.width]), config.contact_distance,
         config.speed_margin, config.escape_speed, ranked,

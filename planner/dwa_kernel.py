@@ -12,19 +12,21 @@ from numba import njit
 
 COLLISION, CANNOT_STOP, MOVING_OBSTACLE, SLOPE, TILT, UNKNOWN_GROUND, OFF_THE_MAP = 1, 2, 3, 4, 5, 6, 7
 
-LEAVING_SLACK = 0.01
-"""Metres that something may come nearer while the robot leaves a margin: no turn keeps a distance exactly."""
+LEAVING_SLACK, LEAVING_FLOOR = 0.01, 0.75
+"""Metres that something may come nearer while the robot leaves a margin, for no turn keeps a distance
+exactly; and the share of the contact distance below which that ends."""
 
 
 @njit(cache=True)
 def roll_out(
-    v, w, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
+    v, w, pivot, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
     half_size, contact, speed_margin, escape_speed, points, moving,
     elevation, forbidden, origin, wheels, tilt_limits,
 ):  # fmt: skip
     """Every arc as far as it is free, and why it is not admissible.
 
     v, w : (n,) m/s, rad/s; start : (3,) x, y, yaw; target : (2,)
+    pivot : m to the left that the base slips for each radian it turns
     heading_share : share of a step's turn taken before its translation (0.5: midpoint rule, 1: Euler)
     braking : (2,) m/s² and rad/s² the robot can surely stop with, 0 for "not at all"; reaction : s
     creep_speed : m/s at which unknown ground may be entered
@@ -51,29 +53,28 @@ def roll_out(
     here = np.array([start[0], start[1], start[2], math.cos(start[2]), math.sin(start[2])])
     reach = math.hypot(half_size[0], half_size[1])
     start_distance = _least_distance(here, half_size, points)
-    leaving = min(start_distance, max(start_distance - LEAVING_SLACK, 0.5 * contact))
+    leaving = min(start_distance, max(start_distance - LEAVING_SLACK, LEAVING_FLOOR * contact))
     # Where the robot is in a margin or stands on bad ground, it may leave slowly but not make it worse.
     discs = moving.copy()
     for j in range(moving.shape[0]):
         discs[j, 4] = min(moving[j, 4], _least_distance(here, half_size, moving[j : j + 1]))
     bad_start, tilt_start = 0, 0.0
     if elevation.shape[0] > 0:
-        bad_start, _, _, tilt_start = _ground_under(
-            here, wheels, elevation, forbidden, origin, tilt_limits
-        )
+        bad_start, _, _, tilt_start = _ground_under(here, wheels, elevation, forbidden, origin, tilt_limits)
     tilt_limit = max(1.0, tilt_start)
 
     for i in range(n):
         path, limit = paths[i], contact + speed_margin * abs(v[i])
         if abs(v[i]) <= escape_speed:
             limit = min(limit, leaving)
-        _trace(v[i], w[i], here, dt, heading_share, path)
+        _trace(v[i], w[i], pivot * w[i], here, dt, heading_share, path)
+        speed = math.hypot(v[i], pivot * w[i])
         hazard, free, unknown_step = 0, steps, steps
         if discs.shape[0] > 0:
             free = _until_moving(path, dt, half_size, discs)
             hazard = MOVING_OBSTACLE if free < steps else 0
         last, nearest[i] = _until_contact(
-            path, free, abs(v[i]) * dt, half_size, reach, limit, points, start_distance
+            path, free, speed * dt, half_size, reach, limit, points, start_distance
         )
         if last < free:
             hazard, free = COLLISION, last
@@ -100,15 +101,16 @@ def roll_out(
 
 
 @njit(cache=True)
-def _trace(v, w, here, dt, heading_share, path):
+def _trace(v, w, sideways, here, dt, heading_share, path):
     """Write one arc's poses, with the cosine and sine of their yaw, into `path` (steps + 1, 5)."""
     x, y, yaw, cos, sin = here
     path[0] = here
     share_cos, share_sin = math.cos(heading_share * w * dt), math.sin(heading_share * w * dt)
     turn_cos, turn_sin = math.cos(w * dt), math.sin(w * dt)
     for k in range(1, path.shape[0]):
-        x += v * dt * (cos * share_cos - sin * share_sin)
-        y += v * dt * (sin * share_cos + cos * share_sin)
+        ahead_x, ahead_y = cos * share_cos - sin * share_sin, sin * share_cos + cos * share_sin
+        x += dt * (v * ahead_x - sideways * ahead_y)
+        y += dt * (v * ahead_y + sideways * ahead_x)
         cos, sin = cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin
         path[k, 0], path[k, 1], path[k, 2], path[k, 3], path[k, 4] = x, y, yaw + k * w * dt, cos, sin
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from planner.dwa_kernel import LEAVING_SLACK
+from planner.dwa_kernel import LEAVING_FLOOR, LEAVING_SLACK
 from planner.frames import Rejection
 
 
 def roll_out(
-    v, w, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
+    v, w, pivot, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
     half_size, contact, speed_margin, escape_speed, points, moving,
     elevation, forbidden, origin, wheels, tilt_limits,
 ):  # fmt: skip
@@ -15,8 +15,9 @@ def roll_out(
     k = np.arange(1, steps + 1)
     yaw = start[2] + w[:, None] * dt * k
     middle = start[2] + w[:, None] * dt * (k - 1 + heading_share)
-    x = start[0] + np.cumsum(v[:, None] * dt * np.cos(middle), axis=1)
-    y = start[1] + np.cumsum(v[:, None] * dt * np.sin(middle), axis=1)
+    ahead, left = v[:, None] * dt, pivot * w[:, None] * dt
+    x = start[0] + np.cumsum(ahead * np.cos(middle) - left * np.sin(middle), axis=1)
+    y = start[1] + np.cumsum(ahead * np.sin(middle) + left * np.cos(middle), axis=1)
     poses = np.concatenate([np.tile(start, (len(v), 1, 1)), np.stack([x, y, yaw], axis=2)], axis=1)
     gaps = core_distances(poses, points[:, :2], half_size).min(axis=-1, initial=np.inf)
     look = len(elevation) > 0
@@ -33,7 +34,7 @@ def roll_out(
         near = gaps[i]
         limit = contact + speed_margin * abs(v[i])
         if abs(v[i]) <= escape_speed:
-            limit = min(limit, near[0], max(near[0] - LEAVING_SLACK, 0.5 * contact))
+            limit = min(limit, near[0], max(near[0] - LEAVING_SLACK, LEAVING_FLOOR * contact))
         met = np.flatnonzero(np.minimum.accumulate(near)[1 : free + 1] < limit)
         if len(met):
             free, hazard = int(met[0]), Rejection.COLLISION

@@ -102,6 +102,19 @@ def test_reset_forgets_a_recovery():
     assert driver.state is State.DRIVE
 
 
+def test_learns_how_far_its_middle_swings_when_it_turns():
+    driver, grid = Driver(), grid_map()
+    yaw = np.linspace(0.0, 3.0, 31)
+    for tick in range(31):  # about its rear axle, 0.25 m behind the middle
+        pose = Pose(0.25 * math.cos(yaw[tick]), 0.25 * math.sin(yaw[tick]), 0.0, yaw=yaw[tick])
+        driven = toward_goal(driver)(percept(grid, pose, goal=(50.0, 0.0), time_s=0.1 * tick))
+    turning = np.flatnonzero(driven.arcs.w > 0.3)[0]
+    start, end = driven.arcs.poses[turning, 0], driven.arcs.poses[turning, 1]
+    step, middle = end - start, 0.5 * (start[2] + end[2])
+    left = math.cos(middle) * step[1] - math.sin(middle) * step[0]
+    assert left / step[2] == pytest.approx(0.25, abs=0.02)
+
+
 def test_the_same_percepts_give_the_same_commands():
     grid = grid_map(blocked=lambda x, y: (np.abs(x - 2.0) < 0.3) & (np.abs(y) < 1.0))
     one, two = (

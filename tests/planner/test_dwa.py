@@ -67,6 +67,12 @@ def test_arcs_follow_the_circle_of_their_velocities():
     assert y == pytest.approx(2.0 - radius * (math.cos(2.3) - math.cos(0.3)), abs=2e-3)
 
 
+def test_a_robot_that_pivots_about_its_rear_axle_is_foreseen_to_swing_its_middle():
+    rollout = evaluate(CONFIG, np.zeros(1), np.ones(1), ORIGIN, (9, 9), NOTHING, pivot=0.25)
+    x, y, yaw = rollout.arcs.poses[0, -1]
+    assert (x, y) == pytest.approx((0.25 * (math.cos(yaw) - 1.0), 0.25 * math.sin(yaw)), abs=1e-3)
+
+
 def test_nothing_in_the_way_rejects_nothing_and_the_best_heads_for_the_target():
     v, w = candidates(CONFIG, Twist(0.8, 0.0))
     arcs = evaluate(CONFIG, v, w, ORIGIN, (10.0, 0.0), NOTHING).arcs
@@ -224,7 +230,8 @@ def test_kernel_agrees_with_its_plain_twin(seed):
     if rng.random() < 0.3:
         elevation, forbidden = np.zeros((0, 0)), np.zeros((0, 0), bool)
     arguments = (
-        rng.uniform(-0.3, 1.0, 12), rng.uniform(-1.5, 1.5, 12), start, rng.uniform(-5, 5, 2), 20, 0.1,
+        rng.uniform(-0.3, 1.0, 12), rng.uniform(-1.5, 1.5, 12), rng.choice([0.0, -0.3, 0.2]), start,
+        rng.uniform(-5, 5, 2), 20, 0.1,
         rng.choice([0.5, 1.0]), rng.choice([0.0, 1.5]) * np.array([1.0, 2.0]), rng.choice([0.0, 0.2]), 0.4,
         rng.choice([0.0, 1.0]) * np.array([0.5, 0.33]), rng.uniform(0.1, 0.4), rng.choice([0.0, 0.1]), 0.3,
         ranked, moving, elevation, forbidden, np.array([-3.0, -3.0, 0.2]), WHEELS, np.tan([0.4, 0.3]),
