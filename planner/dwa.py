@@ -80,7 +80,7 @@ class DwaConfig:
     acceleration: float = HUSKY.max_acceleration
     yaw_acceleration: float = HUSKY.max_yaw_acceleration
     control_period: float = 0.1
-    speed_step: float = 0.05
+    speed_step: float = 0.1
     yaw_rate_step: float = 0.06
     horizon: float = 2.0
     dt: float = 0.1

@@ -29,7 +29,7 @@ class LeastCostConfig:
     patience : without any route, until the goal counts as unreachable
     """
 
-    replan_period: float = 0.3
+    replan_period: float = 0.4
     look_ahead: float = 2.0
     nearest_waypoint: float = 0.6
     detour: float = 1.1
