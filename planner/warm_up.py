@@ -9,11 +9,13 @@ import numpy as np
 from planner.frames import Perception
 from planner.methods import METHODS
 from planner.mission import Mission
+from scenes.catalogue import CoverKind
 from scenes.scenario import (
     CoverObject,
     Family,
     GeneratedSource,
     MovingObstacle,
+    ObstacleKind,
     Patrol,
     Point,
     Scenario,
@@ -54,10 +56,10 @@ def _small_scene() -> Scenario:
         ),
         start=Start(x=-4.0, y=0.0),
         goal=Point(x=5.0, y=0.0),
-        cover=(CoverObject(id=1, kind="tree", x=0.5, y=0.2),),
+        cover=(CoverObject(id=1, kind=CoverKind.TREE, x=0.5, y=0.2),),
         obstacles=(
             MovingObstacle(
-                id=1, kind="person", x=-1.0, y=2.0, patrol=Patrol(waypoints=(Point(x=-1.0, y=-2.0),))
+                id=1, kind=ObstacleKind.PERSON, x=-1.0, y=2.0, patrol=Patrol(waypoints=(Point(x=-1.0, y=-2.0),))
             ),
         ),
     )
