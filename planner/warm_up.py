@@ -59,7 +59,11 @@ def _small_scene() -> Scenario:
         cover=(CoverObject(id=1, kind=CoverKind.TREE, x=0.5, y=0.2),),
         obstacles=(
             MovingObstacle(
-                id=1, kind=ObstacleKind.PERSON, x=-1.0, y=2.0, patrol=Patrol(waypoints=(Point(x=-1.0, y=-2.0),))
+                id=1,
+                kind=ObstacleKind.PERSON,
+                x=-1.0,
+                y=2.0,
+                patrol=Patrol(waypoints=(Point(x=-1.0, y=-2.0),)),
             ),
         ),
     )
