@@ -78,7 +78,7 @@ def test_a_crown_hangs_over_the_ground_and_does_not_block():
     x, y = centres(grid)
     under_crown = np.hypot(x - 5.0, y) < 1.6
     assert np.any(np.isfinite(grid.overhang) & under_crown)
-    assert np.all(grid.overhang[under_crown & ~grid.obstacle] > 0.59)
+    assert np.all(grid.overhang[under_crown & ~grid.obstacle] >= np.float32(MapConfig().clearance))
     assert np.all(np.hypot(x - 5.0, y)[grid.obstacle] < 0.6)
     assert np.abs(grid.elevation[under_crown & ~grid.unknown & ~grid.obstacle]).max() < 0.1
 
