@@ -33,27 +33,38 @@ class TrueMap:
         return self._grid
 
     def _cut(self, x_min: float, y_min: float) -> GridMap:
-        size, resolution = self.config.cells, self.config.resolution
-        along = np.arange(size) * resolution
-        x, y = np.meshgrid(x_min + along, y_min + along)
-        ground = self.heightmap
-        west, east, south, north = ground.bounds
-        row = np.clip(np.rint((y - ground.y_min) / ground.resolution), 0, ground.shape[0] - 1).astype(int)
-        col = np.clip(np.rint((x - ground.x_min) / ground.resolution), 0, ground.shape[1] - 1).astype(int)
-        known = (x >= west) & (x <= east) & (y >= south) & (y <= north)
-        known &= ground.quality[row, col] != QUALITIES.index(Quality.MISSING)
-        elevation = np.where(known, ground.height_at(x, y), np.nan)
-        blocked = step_cells(elevation, self.config)
-        blocked |= known & (ground.surface[row, col] == SURFACES.index(Surface.WATER))
-        for thing in self.cover:
-            _mark(blocked, thing, x_min, y_min, resolution)
-        return GridMap(
-            x_min, y_min, resolution,
-            elevation.astype(np.float32),
-            np.where(known, 0.0, np.nan).astype(np.float32),
-            blocked,
-            np.full((size, size), np.inf, np.float32),
-        )
+        shape = (self.config.cells, self.config.cells)
+        return true_grid(self.heightmap, self.cover, x_min, y_min, shape, self.config)
+
+
+def true_grid(
+    heightmap: Heightmap,
+    cover: Sequence[CoverObject],
+    x_min: float,
+    y_min: float,
+    shape: tuple[int, int],
+    config: MapConfig,
+) -> GridMap:
+    """The true ground and cover on any grid of `shape` with cell [0, 0] centred at (x_min, y_min), cells of
+    the config's resolution; what it says where is told at `TrueMap.about`."""
+    resolution = config.resolution
+    x, y = np.meshgrid(x_min + np.arange(shape[1]) * resolution, y_min + np.arange(shape[0]) * resolution)
+    west, east, south, north = heightmap.bounds
+    row, col = heightmap.cells(x, y)
+    known = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    known &= heightmap.quality[row, col] != QUALITIES.index(Quality.MISSING)
+    elevation = np.where(known, heightmap.height_at(x, y), np.nan)
+    blocked = step_cells(elevation, config)
+    blocked |= known & (heightmap.surface[row, col] == SURFACES.index(Surface.WATER))
+    for thing in cover:
+        _mark(blocked, thing, x_min, y_min, resolution)
+    return GridMap(
+        x_min, y_min, resolution,
+        elevation.astype(np.float32),
+        np.where(known, 0.0, np.nan).astype(np.float32),
+        blocked,
+        np.full(shape, np.inf, np.float32),
+    )  # fmt: skip
 
 
 def _mark(blocked: np.ndarray, thing: CoverObject, x_min: float, y_min: float, resolution: float) -> None:
