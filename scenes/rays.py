@@ -14,21 +14,15 @@ from typing import Literal
 
 import numpy as np
 import trimesh
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore import EmbreeDevice
-from embreex.rtcore_scene import EmbreeScene
 from trimesh.visual import ColorVisuals
 
 from scenes.catalogue import CATALOGUE
+from scenes.embree import Part, build_tree
 from scenes.meshes import cover_mesh, cover_pose, walker_mesh
 from scenes.pose import Pose
 from scenes.scenario import CoverObject, MovingObstacle, Observer
+from scenes.sight import SIGHT_MARGIN, SightTrees
 from scenes.terrain import Heightmap
-
-SIGHT_MARGIN = 0.01
-"""Metres at either end of a line of sight in which nothing hides: the eye and the target touch surfaces."""
-
-_STEP = 1e-4  # how far behind a surface, relative to the distance and in metres, a sight line goes on
 
 
 class BodyKind(StrEnum):
@@ -75,12 +69,20 @@ class Hits:
     normal: np.ndarray
 
 
+@dataclass(frozen=True)
+class Crossing:
+    """A line of sight meets a body, `distance` metres from the eye."""
+
+    body: Body
+    distance: float
+
+
 class _Figure:
     """A walker's mesh in its own frame, with the sphere about it that spares most rays the query."""
 
     def __init__(self, kind: Literal["person", "vehicle", "observer"]):
         mesh = walker_mesh(kind)
-        self.scene = _build([(mesh.vertices, mesh.faces)])
+        self.scene = build_tree([(mesh.vertices, mesh.faces)])
         self.colours = _face_colours(mesh)
         self.centre = mesh.bounds.mean(axis=0)
         self.radius = float(np.linalg.norm(mesh.vertices - self.centre, axis=1).max())
@@ -110,7 +112,7 @@ class RayScene:
     def set_cover(self, cover: Sequence[CoverObject]) -> None:
         """Replace all cover objects."""
         bodies = [Body(0, BodyKind.TERRAIN, 0, GROUND_CLASS_ID, "ground")]
-        self._parts = [self._ground]
+        self._parts: list[Part] = [self._ground]
         self._colours: list[np.ndarray] = [np.zeros((0, 3), np.uint8)]
         for thing in cover:
             entry = CATALOGUE[thing.kind]
@@ -122,8 +124,8 @@ class RayScene:
             self._parts.append((vertices, mesh.faces))
             self._colours.append(_face_colours(mesh))
         self._static = tuple(bodies)
-        self._scene = _build(self._parts)
-        self.__dict__.pop("_sight_scene", None)
+        self._scene = build_tree(self._parts)
+        self.__dict__.pop("_sight", None)
         self._rename_walkers()
 
     def set_walkers(
@@ -187,8 +189,8 @@ class RayScene:
         return starts, np.concatenate(tables)
 
     @cached_property
-    def _sight_scene(self) -> EmbreeScene:
-        return _build(self._parts, robust=True)
+    def _sight(self) -> SightTrees:
+        return SightTrees(self._parts, [body.opacity for body in self._static])
 
     def visible(self, origins: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """(n,) float32 share of light from 0 to 1 that comes through from targets (n, 3) to eyes (n, 3).
@@ -197,70 +199,54 @@ class RayScene:
         an object however many of its surfaces the line crosses. Figures of observers never hide: an eye is
         inside its own. Within `SIGHT_MARGIN` of either end nothing hides.
         """
-        origins, targets = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(targets))
-        origins = np.asarray(origins, float)
-        offset = np.asarray(targets, float) - origins
-        length = np.linalg.norm(offset, axis=1)
-        directions = offset / np.where(length > 0.0, length, 1.0)[:, None]
-        light = np.ones(len(origins), np.float32)
-        self._hide_behind_walkers(light, origins, directions, length)
-        self._hide_behind_static(light, origins, directions, length - SIGHT_MARGIN)
+        origins, directions, length = _lines(origins, targets)
+        light = self._sight.light(origins, directions, length)
+        lit = np.flatnonzero(light)
+        light[lit[self._behind_obstacles(origins[lit], directions[lit], length[lit])[0]]] = 0.0
         return light
 
-    def _hide_behind_walkers(self, light, origins, directions, length) -> None:
+    def crossings(self, origin: np.ndarray, target: np.ndarray) -> tuple[Crossing, ...]:
+        """What lies between an eye (3,) and a target (3,), nearest first, up to the first thing that stops
+        all light; by the rules of `visible`."""
+        origins, directions, length = _lines(origin, target)
+        met = [
+            Crossing(self._static[index], distance)
+            for distance, index in self._sight.crossings(origins[0], directions[0], float(length[0]))
+        ]
+        hidden, body, distance = self._behind_obstacles(origins, directions, length)
+        if len(hidden):
+            met.append(Crossing(self.bodies[body[0]], float(distance[0])))
+        met.sort(key=lambda crossing: crossing.distance)
+        solid = [index for index, crossing in enumerate(met) if crossing.body.opacity >= 1.0]
+        return tuple(met[: solid[0] + 1] if solid else met)
+
+    def _behind_obstacles(
+        self, origins: np.ndarray, directions: np.ndarray, length: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Indices of the rays that moving obstacles stop, the nearest's body index and its distance."""
         starts = (origins + SIGHT_MARGIN * directions).astype(np.float32)
         reach = np.maximum(length - 2.0 * SIGHT_MARGIN, 0.0).astype(np.float32)
+        body = np.full(len(origins), -1)
         for walker in self._walkers:
             if walker.body.kind is BodyKind.OBSTACLE:
-                rays, _ = _cast_at(walker, starts, directions.astype(np.float32), reach)
-                light[rays] = 0.0
+                rays, found = _cast_at(walker, starts, directions.astype(np.float32), reach)
+                reach[rays], body[rays] = found["tfar"], walker.body.index
+        hidden = np.flatnonzero(body >= 0)
+        return hidden, body[hidden], reach[hidden] + SIGHT_MARGIN
 
-    def _hide_behind_static(self, light, origins, directions, end) -> None:
-        scene = self._sight_scene
-        opacity = np.array([body.opacity for body in self._static])
-        count = len(self._static)
-        rays = np.flatnonzero((light > 0.0) & (end > SIGHT_MARGIN))
-        start = np.full(len(rays), SIGHT_MARGIN)
-        passed = [np.zeros(0, np.int64)]
-        while len(rays):
-            answer = scene.run(
-                (origins[rays] + start[:, None] * directions[rays]).astype(np.float32),
-                directions[rays].astype(np.float32),
-                dists=(end[rays] - start).astype(np.float32),
-                output=1,
-            )
-            body = answer["geomID"]
-            solid = (body >= 0) & (opacity[body] >= 1.0)
-            light[rays[solid]] = 0.0
-            through = (body >= 0) & ~solid
-            rays, start, distance = rays[through], start[through], answer["tfar"][through]
-            passed.append(rays * count + body[through])
-            start = start + distance + _STEP * (1.0 + start + distance)
-            ahead = start < end[rays]
-            rays, start = rays[ahead], start[ahead]
-        ray, body = np.divmod(np.unique(np.concatenate(passed)), count)
-        np.multiply.at(light, ray, (1.0 - opacity[body]).astype(np.float32))
+
+def _lines(origins: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Origins (n, 3), unit directions (n, 3) and lengths (n,) of lines from eyes to targets."""
+    starts, ends = np.broadcast_arrays(np.atleast_2d(origins).astype(float), np.atleast_2d(targets))
+    offset = ends - starts
+    length = np.sqrt(np.einsum("ij,ij->i", offset, offset))
+    return starts, offset / np.where(length > 0.0, length, 1.0)[:, None], length
 
 
 def _face_colours(mesh: trimesh.Trimesh) -> np.ndarray:
     visual = mesh.visual
     assert isinstance(visual, ColorVisuals)  # as scenes.meshes makes them
     return np.asarray(visual.face_colors)[:, :3].astype(np.uint8)
-
-
-# One device for all scenes of the process: each keeps its own threads otherwise.
-_DEVICE = EmbreeDevice()
-
-
-def _build(parts: Sequence[tuple[np.ndarray, np.ndarray]], robust: bool = False) -> EmbreeScene:
-    """One tree over meshes of vertices (n, 3) and faces (m, 3); a mesh's place in `parts` is its geomID.
-
-    `robust` closes the hairline between neighbouring triangles, which sight lines along grid lines meet and
-    sensors do not; it costs a fifth of the speed."""
-    scene = EmbreeScene(_DEVICE, robust=robust)
-    for vertices, faces in parts:
-        TriangleMesh(scene, np.asarray(vertices, np.float32), np.asarray(faces, np.int32))
-    return scene
 
 
 def _cast_at(walker: _Walker, origins, directions, reach) -> tuple[np.ndarray, dict]:

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenes.meshes import cover_mesh, cover_pose, walker_mesh
-from scenes.rays import SIGHT_MARGIN, BodyKind, RayScene
+from scenes.rays import BodyKind, RayScene
 from scenes.scenario import MovingObstacle, Observer, Patrol, Point
+from scenes.sight import SIGHT_MARGIN
 from scenes.terrain import Heightmap
 
 DOWN = np.array([0.0, 0.0, -1.0])
