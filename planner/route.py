@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from planner.heap import pop, push
+
 DIAGONAL = math.sqrt(2.0)
 
 
@@ -103,11 +105,11 @@ def _search(cost, resolution, start_row, start_col, goal_row, goal_col, inside, 
     keys, items, size = np.empty(1024), np.empty(1024, np.int64), 0
     first = start_row * cols + start_col
     best[first] = 0.0
-    keys, items, size = _push(
+    keys, items, size = push(
         keys, items, size, scale * _bound(start_row, start_col, goal_row, goal_col, inside), first
     )
     while size > 0:
-        cell, size = _pop(keys, items, size)
+        cell, size = pop(keys, items, size)
         if cell < 0:
             # The way beyond the border, kept as the negative of the cell it leaves from.
             exit_cell = -cell - 1
@@ -121,7 +123,7 @@ def _search(cost, resolution, start_row, start_col, goal_row, goal_col, inside, 
             return parent, cell, best[cell]
         if not inside and (row == 0 or col == 0 or row == rows - 1 or col == cols - 1):
             beyond = best[cell] + scale * _bound(row, col, goal_row, goal_col, False)
-            keys, items, size = _push(keys, items, size, beyond, -cell - 1)
+            keys, items, size = push(keys, items, size, beyond, -cell - 1)
         for dr in range(-1, 2):
             for dc in range(-1, 2):
                 r, c = row + dr, col + dc
@@ -136,46 +138,5 @@ def _search(cost, resolution, start_row, start_col, goal_row, goal_col, inside, 
                     best[there] = reached
                     parent[there] = cell
                     key = reached + scale * _bound(r, c, goal_row, goal_col, inside)
-                    keys, items, size = _push(keys, items, size, key, there)
+                    keys, items, size = push(keys, items, size, key, there)
     return parent, -1, np.inf
-
-
-@njit(cache=True)
-def _push(keys, items, size, key, item):
-    """Put an item on the binary heap, ordered by key, then item; the arrays grow by doubling."""
-    if size == len(keys):
-        keys = np.concatenate((keys, np.empty(size)))
-        items = np.concatenate((items, np.empty(size, np.int64)))
-    at = size
-    while at > 0:
-        above = (at - 1) // 2
-        if not (key < keys[above] or (key == keys[above] and item < items[above])):
-            break
-        keys[at], items[at] = keys[above], items[above]
-        at = above
-    keys[at], items[at] = key, item
-    return keys, items, size + 1
-
-
-@njit(cache=True)
-def _pop(keys, items, size):
-    """Take the least item off the heap."""
-    least = items[0]
-    size -= 1
-    key, item = keys[size], items[size]
-    at = 0
-    while True:
-        child = 2 * at + 1
-        if child >= size:
-            break
-        right = child + 1
-        if right < size and (
-            keys[right] < keys[child] or (keys[right] == keys[child] and items[right] < items[child])
-        ):
-            child = right
-        if not (keys[child] < key or (keys[child] == key and items[child] < item)):
-            break
-        keys[at], items[at] = keys[child], items[child]
-        at = child
-    keys[at], items[at] = key, item
-    return least, size
