@@ -22,8 +22,8 @@ class SightTrees:
 
     def __init__(self, parts: Sequence[Part], opacity: Sequence[float]):
         stops = np.asarray(opacity, float)
-        self._solid_parts = np.flatnonzero(stops >= 1.0)
-        self._sheer_parts = np.flatnonzero(stops < 1.0)
+        self._solid_parts = [index for index, share in enumerate(stops) if share >= 1.0]
+        self._sheer_parts = [index for index, share in enumerate(stops) if share < 1.0]
         self._through = (1.0 - stops[self._sheer_parts]).astype(np.float32)
         self._solid = build_tree([parts[index] for index in self._solid_parts], robust=True)
         self._sheer = build_tree([parts[index] for index in self._sheer_parts], robust=True)
@@ -57,9 +57,9 @@ class SightTrees:
         met = []
         if solid >= 0:
             end = float(answer["tfar"][0]) + SIGHT_MARGIN
-            met.append((end, int(self._solid_parts[solid])))
+            met.append((end, self._solid_parts[solid]))
         _, part, distance = self._passed(origin[None], direction[None], np.array([end]))
-        met += [(float(d), int(self._sheer_parts[p])) for p, d in zip(part, distance, strict=True)]
+        met += [(float(d), self._sheer_parts[p]) for p, d in zip(part, distance, strict=True)]
         return tuple(sorted(met))
 
     def _passed(
