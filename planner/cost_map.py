@@ -142,6 +142,24 @@ def _surface_shape(elevation, resolution):
     return gradient, roughness
 
 
+def open_about(
+    cost: np.ndarray,
+    cost_map: CostMap,
+    centre: np.ndarray,
+    radius: float,
+    dearest: float,
+    blocked: np.ndarray,
+) -> None:
+    """Let forbidden cells about a world point that hold no obstacle be passed at the highest cost."""
+    row, col = cost_map.cell(*centre)
+    reach = math.ceil(radius / cost_map.resolution)
+    rows = slice(max(row - reach, 0), max(row + reach + 1, 0))
+    cols = slice(max(col - reach, 0), max(col + reach + 1, 0))
+    window = cost[rows, cols]
+    if window.size:
+        window[np.isinf(window) & ~blocked[rows, cols]] = dearest
+
+
 def ground_near(grid: GridMap, x: float, y: float, reach: float, config: CostConfig) -> Ground:
     """The map within `reach` metres of (x, y), as the dynamic window looks at it."""
     row, col = grid.cell(x, y)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planner.cost_map import CostConfig, CostMap, build, ground_near
+from planner.cost_map import CostConfig, CostMap, build, ground_near, open_about
 from planner.cover import best_cover
 from planner.driver import Driver, DriverConfig
 from planner.frames import CostPatch, Decision, Percept, Status
@@ -109,8 +109,8 @@ class LeastCost:
         dearest = 1.0 + 100.0 / self.config.points_per_metre
         blocked = percept.grid.obstacle
         # Where the robot stands, and the goal when it is close to something, the rim does not forbid.
-        _open_about(cost, cost_map, here, HUSKY.circumscribed_radius, dearest, blocked)
-        _open_about(cost, cost_map, np.array(percept.goal), HUSKY.inscribed_radius, dearest, blocked)
+        open_about(cost, cost_map, here, HUSKY.circumscribed_radius, dearest, blocked)
+        open_about(cost, cost_map, np.array(percept.goal), HUSKY.inscribed_radius, dearest, blocked)
         start = cost_map.cell(*here)
         if 0 <= start[0] < cost.shape[0] and 0 <= start[1] < cost.shape[1]:
             cost[start] = min(cost[start], dearest)
@@ -166,21 +166,3 @@ class LeastCost:
         if at_end and math.dist(best, percept.goal) < 2.0 * resolution:
             return percept.goal
         return float(best[0]), float(best[1])
-
-
-def _open_about(
-    cost: np.ndarray,
-    cost_map: CostMap,
-    centre: np.ndarray,
-    radius: float,
-    dearest: float,
-    blocked: np.ndarray,
-) -> None:
-    """Let forbidden cells about a world point that hold no obstacle be passed at the highest cost."""
-    row, col = cost_map.cell(*centre)
-    reach = math.ceil(radius / cost_map.resolution)
-    rows = slice(max(row - reach, 0), max(row + reach + 1, 0))
-    cols = slice(max(col - reach, 0), max(col + reach + 1, 0))
-    window = cost[rows, cols]
-    if window.size:
-        window[np.isinf(window) & ~blocked[rows, cols]] = dearest
