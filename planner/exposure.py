@@ -8,7 +8,9 @@ through trees, bushes and fences. From `SEEN` on, a cell counts as seen.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -109,8 +111,9 @@ def exposure_field(
     x_min, y_min, points, unknown = _cells(heightmap, stride, height)
     seen = np.zeros((len(views), *unknown.shape), np.float32)
     known = ~unknown
-    for index, view in enumerate(views):
-        seen[index, known] = _seen_by(rays, view, points)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for index, light in enumerate(pool.map(lambda view: _seen_by(rays, view, points), views)):
+            seen[index, known] = light
     seen[:, unknown] = np.nan
     ids = tuple(view.observer_id for view in views)
     return ExposureField(x_min, y_min, heightmap.resolution * stride, ids, seen, unknown)

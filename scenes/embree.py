@@ -17,11 +17,12 @@ _DEVICE = EmbreeDevice()
 
 
 def build_tree(parts: Sequence[Part], robust: bool = False) -> EmbreeScene:
-    """One tree over meshes; a mesh's place in `parts` is its geomID.
+    """One tree over meshes, ready to be asked from several threads; a mesh's place in `parts` is its geomID.
 
     `robust` closes the hairline between neighbouring triangles, which sight lines along grid lines meet and
     sensors do not; it costs a fifth of the speed."""
     scene = EmbreeScene(_DEVICE, robust=robust)
     for vertices, faces in parts:
         TriangleMesh(scene, np.asarray(vertices, np.float32), np.asarray(faces, np.int32))
+    scene.run(np.zeros((1, 3), np.float32), np.array([[0.0, 0.0, 1.0]], np.float32))  # the first ray builds it
     return scene

@@ -199,8 +199,9 @@ class RayScene:
         an object however many of its surfaces the line crosses. Figures of observers never hide: an eye is
         inside its own. Within `SIGHT_MARGIN` of either end nothing hides.
         """
+        one_eye = np.ndim(origins) == 1
         origins, directions, length = _lines(origins, targets)
-        light = self._sight.light(origins, directions, length)
+        light = self._sight.light(origins[0] if one_eye and len(origins) else origins, directions, length)
         lit = np.flatnonzero(light)
         light[lit[self._behind_obstacles(origins[lit], directions[lit], length[lit])[0]]] = 0.0
         return light
