@@ -12,7 +12,7 @@ import numpy as np
 
 from planner.frames import Decision, Frame, Metrics, Percept, Perception, Status, WalkerPose
 from planner.leg import Leg, in_cover, usual_time_limit
-from planner.methods import DEFAULT_METHOD, make_method
+from planner.methods import DEFAULT_METHOD, Briefed, make_method
 from planner.perception import Perceiver
 from scenes.physics import RobotLostError, World
 from scenes.pose import Pose, Twist
@@ -86,6 +86,7 @@ class Mission:
         self._begin_leg()
         if snapshot is not None:
             self._resume(snapshot, perception)
+        self._brief()
         self.frame = self._make_frame(None, None, "ready", False, 0.0)
 
     def close(self) -> None:
@@ -245,6 +246,7 @@ class Mission:
     def set_method(self, name: str) -> None:
         """Plan with another method from now on. Raises ValueError for an unknown one."""
         self._method, self.method_name = make_method(name, self.seed), name
+        self._brief()
         self._decision = None
 
     def set_perception(self, mode: Perception) -> None:
@@ -269,6 +271,7 @@ class Mission:
             self._world.set_obstacles(scenario.obstacles)
         self._perceiver.edit(scenario)
         self._method.reset()
+        self._brief()
         self._decision = None
         if scenario.goal != old.goal and not self.status.final:
             self._begin_leg()
@@ -277,6 +280,10 @@ class Mission:
         """End the drive here."""
         if not self.status.final:
             self.status = Status.STOPPED
+
+    def _brief(self) -> None:
+        if isinstance(self._method, Briefed):
+            self._method.brief(self.scenario, self._rays)
 
     def _check_drivable(self) -> None:
         if self.status in (Status.COLLIDED, Status.ROLLED_OVER):

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from planner.frames import Decision, Percept
 from planner.methods.dwa import PlainDwa
 from planner.methods.least_cost import LeastCost
+from planner.methods.route import FollowRoute, balanced, most_hidden, shortest
+from scenes.rays import RayScene
+from scenes.scenario import Scenario
 
 
 class Method(Protocol):
@@ -22,6 +25,15 @@ class Method(Protocol):
 
     def reset(self) -> None:
         """Forget what was learnt on the way, as for a new goal."""
+        ...
+
+
+@runtime_checkable
+class Briefed(Protocol):
+    """A method that plans on the truth: a mission briefs it before its first decision and after every edit."""
+
+    def brief(self, scenario: Scenario, rays: RayScene) -> None:
+        """Take over the true scenario; `rays` holds its ground and cover."""
         ...
 
 
@@ -41,6 +53,18 @@ METHODS: Mapping[str, MethodEntry] = {
     "dwa": MethodEntry(
         lambda seed: PlainDwa(),
         "Plain dynamic window approach, straight for the goal: the paper's baseline.",
+    ),
+    "route": MethodEntry(
+        lambda seed: FollowRoute("route", most_hidden),
+        "Follows the most hidden route of at most twice the shortest's length, with everything known.",
+    ),
+    "route_balanced": MethodEntry(
+        lambda seed: FollowRoute("route_balanced", balanced),
+        "Follows the balanced route, a second in view worth six hidden ones, with everything known.",
+    ),
+    "route_shortest": MethodEntry(
+        lambda seed: FollowRoute("route_shortest", shortest),
+        "Follows the shortest drivable route with everything known.",
     ),
 }
 DEFAULT_METHOD = "least_cost"
