@@ -137,9 +137,7 @@ def place_observers(
     middle = 0.5 * np.sum(route, axis=0)
     half = ground.bounds[1] - 1.0
     points = rng.uniform(-half, half, (400, 2))
-    room = np.minimum.reduce([thing.footprint.distance(points) for thing in cover] or [np.full(400, np.inf)])
-    dry = ground.surface[ground.cells(*points.T)] != SURFACE_CODE[Surface.WATER]
-    allowed = np.flatnonzero(dry & (room > 0.8) & (distance_to_segment(points, route) > 2.5))
+    allowed = np.flatnonzero(room_to_watch(ground, cover, route, points))
     height = ground.height_at(*points.T)
     score = (height - ground.heights.mean()) / (ground.heights.std() + 0.2)
     score = score - 0.25 * np.abs(np.hypot(*(points - middle).T) - min(14.0, 0.6 * half))
@@ -148,10 +146,21 @@ def place_observers(
     for place in points[allowed[np.argsort(-score[allowed])]]:
         if len(chosen) < count and all(np.hypot(*(place - other)) > 2.0 for other in chosen):
             chosen.append(place)
-    return tuple(_watcher(rng, number, place, middle) for number, place in enumerate(chosen, 1))
+    return tuple(watcher(rng, number, place, middle) for number, place in enumerate(chosen, 1))
 
 
-def _watcher(rng: np.random.Generator, number: int, place: np.ndarray, middle: np.ndarray) -> Observer:
+def room_to_watch(
+    ground: Heightmap, cover: Iterable[CoverSpec], route: Segment, points: np.ndarray
+) -> np.ndarray:
+    """(n,) bool: at which points (n, 2) a watcher may stand, dry, clear of cover and a little off the route."""
+    nowhere = np.full(len(points), np.inf)
+    room = np.minimum.reduce([thing.footprint.distance(points) for thing in cover] or [nowhere])
+    dry = ground.surface[ground.cells(*points.T)] != SURFACE_CODE[Surface.WATER]
+    return dry & (room > 0.8) & (distance_to_segment(points, route) > 2.5)
+
+
+def watcher(rng: np.random.Generator, number: int, place: np.ndarray, middle: np.ndarray) -> Observer:
+    """One who stands at a place (2,) and faces the middle (2,), more or less."""
     bearing = math.degrees(math.atan2(middle[1] - place[1], middle[0] - place[0]))
     return Observer(
         id=number,
