@@ -233,6 +233,39 @@ class Metrics:
 
 
 @dataclass(frozen=True)
+class Watch:
+    """What one observer sees of the robot now (fraction, 0 to 1), and of the drive so far."""
+
+    observer_id: int
+    fraction: float
+    exposed_s: float
+    exposure_fraction: float
+    longest_exposure_s: float
+    detection_probability: float
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How much of the robot is seen now, by all observers together, and the totals of the drive so far.
+
+    fraction : visible fraction, from 0 to 1; of each point, what the observer who sees it best sees
+    exposed_s : integral of the fraction over time; exposure_fraction : its share of the drive's time
+    longest_exposure_s : without interruption, a fraction of more than 0.05
+    concealed_fraction : share of the time with a fraction of at most 0.05
+    expected_detection_s : from the drive's beginning, given that it is detected; None where it cannot be
+    """
+
+    fraction: float = 0.0
+    exposed_s: float = 0.0
+    exposure_fraction: float = 0.0
+    longest_exposure_s: float = 0.0
+    concealed_fraction: float = 0.0
+    detection_probability: float = 0.0
+    expected_detection_s: float | None = None
+    watches: tuple[Watch, ...] = ()
+
+
+@dataclass(frozen=True)
 class WalkerPose:
     """Where an observer or moving obstacle truly is."""
 
@@ -267,4 +300,5 @@ class Frame:
     scan_points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     message: str = ""
     in_cover: bool = False
+    exposure: Exposure = field(default_factory=Exposure)
     planner_ms: float = field(default=0.0, compare=False)

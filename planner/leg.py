@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from planner.cover import detect_cover
+from planner.exposure_log import ExposureLog
 from planner.frames import Metrics, Percept, Perception, Status
 from scenes.catalogue import CATALOGUE
 from scenes.pose import Pose
@@ -47,6 +48,7 @@ class Leg:
     goal: tuple[float, float]
     time_limit_s: float
     metrics: Metrics = field(default_factory=Metrics)
+    exposure: ExposureLog = field(default_factory=ExposureLog)
     planner_ms: list[float] = field(default_factory=list)
     _last: Pose | None = None
     _ticks_in_cover: int = 0
@@ -75,8 +77,7 @@ class Leg:
     def summary(
         self, scenario: str, method: str, perception: Perception, seed: int, status: Status, time_s: float
     ) -> dict[str, Any]:
-        """The document of `covernav run --json`; lengths in metres, angles in degrees. What is not measured
-        yet is null."""
+        """The document of `covernav run --json`; lengths in metres, angles in degrees."""
         times = self.planner_ms or [0.0]
         return {
             "scenario": scenario,
@@ -88,11 +89,9 @@ class Leg:
             "trajectory_length_m": self.metrics.trajectory_length_m,
             "straight_line_m": self.straight_line_m,
             "execution_time_s": time_s - self.begun_s,
-            "exposure_fraction": None,
-            "exposed_s": None,
-            "longest_exposure_s": None,
-            "detection_probability": None,
+            **self.exposure.summary(),
             "cover_fraction": self.metrics.cover_fraction,
+            "elevation_gradient_m": self.metrics.elevation_gradient_m,
             "collisions": self.metrics.collisions,
             "max_roll_deg": math.degrees(self.metrics.max_roll),
             "max_pitch_deg": math.degrees(self.metrics.max_pitch),

@@ -12,6 +12,7 @@ import numpy as np
 
 from planner.frames import Decision, Frame, Metrics, Percept, Perception, Status, WalkerPose
 from planner.leg import Leg, in_cover, usual_time_limit
+from planner.line_of_sight import views_at, visible_fraction
 from planner.methods import DEFAULT_METHOD, Briefed, make_method
 from planner.perception import Perceiver
 from scenes.physics import RobotLostError, World
@@ -79,6 +80,7 @@ class Mission:
             start = Start(x=pose.x, y=pose.y, yaw=math.degrees(pose.yaw))
             begun_s = snapshot.time_s
         self._world = World(self._heightmap, scenario.cover, scenario.obstacles, start, time_s=begun_s)
+        self._placed: tuple | None = None
         self._tick = 0
         self._decision: Decision | None = None
         self._decided_tick = 0
@@ -86,6 +88,7 @@ class Mission:
         self._begin_leg()
         if snapshot is not None:
             self._resume(snapshot, perception)
+        self._watch(0.0)
         self._brief()
         self.frame = self._make_frame(None, None, "ready", False, 0.0)
 
@@ -120,7 +123,7 @@ class Mission:
         as it is."""
         if self.status.final:
             return self.frame
-        begun = time.perf_counter()
+        begun, begun_s = time.perf_counter(), self._world.time_s
         percept = self._perceive()
         decision = self._decide(percept)
         planner_ms = 1e3 * (time.perf_counter() - begun)
@@ -134,13 +137,30 @@ class Mission:
         contacts = frozenset(self._world.touching())
         self._leg.add(self._world.pose, covered, len(contacts - self._touched), planner_ms)
         self._touched = contacts
+        self._watch(self._world.time_s - begun_s)
         self.frame = self._make_frame(percept, decision, message, covered, planner_ms)
         return self.frame
 
     def _perceive(self) -> Percept:
         world = self._world
-        self._rays.set_walkers(self.scenario.obstacles, self.scenario.observers, world.time_s)
+        self._place_walkers()
         return self._perceiver.perceive(self._rays, world.pose, world.twist, world.time_s, self._leg.goal)
+
+    def _place_walkers(self) -> None:
+        """Put the figures in the ray scene where they are now, unless they stand there already."""
+        placed = self._world.time_s, self.scenario.obstacles, self.scenario.observers
+        if placed != self._placed:
+            self._rays.set_walkers(placed[1], placed[2], placed[0])
+            self._placed = placed
+
+    def _watch(self, seconds: float) -> None:
+        """Count what the observers have seen of the robot for `seconds`."""
+        observers = self.scenario.observers
+        if observers:
+            self._place_walkers()
+        views = views_at(observers, self._heightmap, self._world.time_s)
+        pose = self._world.pose
+        self._leg.exposure.add(seconds, views, visible_fraction(self._rays, views, pose), pose)
 
     def _decide(self, percept: Percept) -> Decision:
         decision = self._decision
@@ -205,6 +225,7 @@ class Mission:
             scan_points=scan[:: max(1, math.ceil(len(scan) / DRAWN_SCAN_POINTS))],
             message=message,
             in_cover=covered,
+            exposure=self._leg.exposure.exposure,
             planner_ms=planner_ms,
         )
 

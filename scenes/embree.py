@@ -24,5 +24,6 @@ def build_tree(parts: Sequence[Part], robust: bool = False) -> EmbreeScene:
     scene = EmbreeScene(_DEVICE, robust=robust)
     for vertices, faces in parts:
         TriangleMesh(scene, np.asarray(vertices, np.float32), np.asarray(faces, np.int32))
-    scene.run(np.zeros((1, 3), np.float32), np.array([[0.0, 0.0, 1.0]], np.float32))  # the first ray builds it
+    up = np.array([[0.0, 0.0, 1.0]], np.float32)
+    scene.run(np.zeros_like(up), up)  # the first ray builds the tree
     return scene
