@@ -13,7 +13,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from planner.dwa import DwaConfig, Ground, Rollout, Surroundings, Weights, candidates, evaluate
+from planner.dwa import NO_SLIP, DwaConfig, Ground, Rollout, Slip, Surroundings, Weights, candidates, evaluate
 from planner.frames import Arcs, Percept, Rejection
 from scenes.pose import Pose, Twist, wrap_angle
 
@@ -37,8 +37,8 @@ class DriverConfig:
     patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery
     backing, leaving : how far a recovery drives back and away
     recovery_limit : longest that a part of it takes
-    least_turn, slip_rate, most_pivot : turns a tick from which slip aside is learnt, how fast, and the most
-        metres for each radian that are believed
+    least_turn, least_way, slip_rate, most_slip : radians and metres a tick from which slip aside is learnt,
+        how fast, and the most metres for each radian or metre that are believed
     corridor : how far a free direction is looked along
     recoveries : in one region, after which the robot is stuck; region : its radius
     """
@@ -54,8 +54,9 @@ class DriverConfig:
     leaving: float = 1.5
     recovery_limit: float = 5.0
     least_turn: float = 0.03
+    least_way: float = 0.01
     slip_rate: float = 0.2
-    most_pivot: float = 0.4
+    most_slip: float = 0.4
     corridor: float = 3.0
     region: float = 2.5
     recoveries: int = 10
@@ -103,7 +104,7 @@ class Driver:
         self._blocked_since: float | None = None
         self._trail: deque[tuple[float, float]] = deque(maxlen=60)
         self._direction = 0.0
-        self._pivot = 0.0
+        self._slip = NO_SLIP
         self._before: Pose | None = None
         self._tried: list[float] = []
         self._trouble: _Mark | None = None
@@ -157,7 +158,7 @@ class Driver:
         horizon = float(np.clip(0.95 * reach / max_speed, self.config.shortest_horizon, dwa.horizon))
         v, w = candidates(dwa, percept.twist)
         dwa = replace(dwa, horizon=horizon)
-        return evaluate(dwa, v, w, percept.pose, target, around, max_speed, self._pivot)
+        return evaluate(dwa, v, w, percept.pose, target, around, max_speed, self._slip)
 
     def _words(self, percept: Percept) -> str:
         return f"driving to the goal, {percept.goal_distance:.1f} m left"
@@ -174,19 +175,28 @@ class Driver:
             self._trouble, self._recoveries, self._tried = None, 0, []
 
     def _learn_slip(self, pose: Pose) -> None:
-        """A skid-steered robot turns about the axle that bears more, so its middle slips aside; by how much
-        is seen from its own poses."""
+        """A skid-steered robot turns about the axle that bears more, so its middle slips aside, and slides
+        down a slope that it drives across; by how much is seen from its own poses."""
         before, self._before = self._before, pose
         if before is None:
             return
         turned = float(wrap_angle(pose.yaw - before.yaw))
         dx, dy = pose.x - before.x, pose.y - before.y
-        if abs(turned) < self.config.least_turn or math.hypot(dx, dy) > 0.5:
+        if math.hypot(dx, dy) > 0.5:  # put somewhere else
             return
         middle = before.yaw + 0.5 * turned
-        slipped = math.cos(middle) * dy - math.sin(middle) * dx
-        pivot = float(np.clip(slipped / turned, -self.config.most_pivot, self.config.most_pivot))
-        self._pivot += self.config.slip_rate * (pivot - self._pivot)
+        driven = abs(math.cos(middle) * dx + math.sin(middle) * dy)
+        aside = math.cos(middle) * dy - math.sin(middle) * dx
+        slip, rate = self._slip, self.config.slip_rate
+        if abs(turned) >= self.config.least_turn:
+            seen = self._believed((aside - slip.driving * driven) / turned)
+            self._slip = replace(slip, turning=slip.turning + rate * (seen - slip.turning))
+        elif driven >= self.config.least_way:
+            seen = self._believed((aside - slip.turning * turned) / driven)
+            self._slip = replace(slip, driving=slip.driving + rate * (seen - slip.driving))
+
+    def _believed(self, slip: float) -> float:
+        return float(np.clip(slip, -self.config.most_slip, self.config.most_slip))
 
     def _moves_on(self, percept: Percept) -> bool:
         mark = self._progress
@@ -244,7 +254,7 @@ class Driver:
             dwa = replace(self.config.dwa, weights=weights)
             if back.any():
                 rollout = evaluate(
-                    dwa, v[back], w[back], percept.pose, behind, around, dwa.min_speed, self._pivot
+                    dwa, v[back], w[back], percept.pose, behind, around, dwa.min_speed, self._slip
                 )
                 if rollout.arcs.chosen >= 0:
                     note = f"backing off: {self._reason}"
@@ -261,7 +271,7 @@ class Driver:
             for w in (rate, -rate):
                 rollout = evaluate(
                     replace(self.config.dwa, horizon=1.0),
-                    np.zeros(1), np.array([w]), percept.pose, target, around, pivot=self._pivot,
+                    np.zeros(1), np.array([w]), percept.pose, target, around, slip=self._slip,
                 )  # fmt: skip
                 if rollout.arcs.chosen >= 0:
                     note = f"turning to a free direction: {self._reason}"

@@ -129,6 +129,17 @@ NO_GROUND = Ground(0.0, 0.0, 1.0, np.zeros((0, 0)), np.zeros((0, 0), bool))
 
 
 @dataclass(frozen=True)
+class Slip:
+    """Metres to the left that the robot slips for each radian it turns and for each metre it drives."""
+
+    turning: float = 0.0
+    driving: float = 0.0
+
+
+NO_SLIP = Slip()
+
+
+@dataclass(frozen=True)
 class Surroundings:
     """All that an arc may run into.
 
@@ -184,12 +195,12 @@ def evaluate(
     target: tuple[float, float],
     surroundings: Surroundings,
     max_speed: float | None = None,
-    pivot: float = 0.0,
+    slip: Slip = NO_SLIP,
 ) -> Rollout:
     """Roll out and weigh the candidates v, w (n,) from `pose` (world, base) toward `target`.
 
     max_speed : what the velocity term and the choice aim at, when lower than the robot's own
-    pivot : metres to the left that the robot slips for each radian it turns
+    slip : how the robot moves aside on these arcs
     """
     start = np.array([pose.x, pose.y, pose.yaw])
     points = np.ascontiguousarray(surroundings.points, dtype=float).reshape(-1, 2)
@@ -197,7 +208,7 @@ def evaluate(
     ranked = np.column_stack([points, ranges])[np.argsort(ranges, kind="stable")]
     ground = surroundings.ground
     paths, heading, nearest, distance, unknown, tilt, free_time, rejection = roll_out(
-        v, w, pivot, start, np.array(target, float), config.steps, config.dt, config.heading_share,
+        v, w, np.array([slip.turning, slip.driving]), start, np.array(target, float), config.steps, config.dt, config.heading_share,
         np.array([config.braking, config.yaw_braking]), config.reaction, config.creep_speed,
         0.5 * np.array([config.footprint.length, config.footprint.width]), config.contact_distance,
         config.speed_margin, config.escape_speed, ranked,

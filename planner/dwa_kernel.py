@@ -12,21 +12,21 @@ from numba import njit
 
 COLLISION, CANNOT_STOP, MOVING_OBSTACLE, SLOPE, TILT, UNKNOWN_GROUND, OFF_THE_MAP = 1, 2, 3, 4, 5, 6, 7
 
-LEAVING_SLACK, LEAVING_FLOOR = 0.01, 0.75
+LEAVING_SLACK, LEAVING_FLOOR = 0.01, 0.8
 """Metres that something may come nearer while the robot leaves a margin, for no turn keeps a distance
-exactly; and the share of the contact distance below which that ends."""
+exactly; and the share of the contact distance below which nothing may, and no arc may end nearer."""
 
 
 @njit(cache=True)
 def roll_out(
-    v, w, pivot, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
+    v, w, slip, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
     half_size, contact, speed_margin, escape_speed, points, moving,
     elevation, forbidden, origin, wheels, tilt_limits,
 ):  # fmt: skip
     """Every arc as far as it is free, and why it is not admissible.
 
     v, w : (n,) m/s, rad/s; start : (3,) x, y, yaw; target : (2,)
-    pivot : m to the left that the base slips for each radian it turns
+    slip : (2,) m to the left that the base slips for each radian it turns and each metre it drives
     heading_share : share of a step's turn taken before its translation (0.5: midpoint rule, 1: Euler)
     braking : (2,) m/s² and rad/s² the robot can surely stop with, 0 for "not at all"; reaction : s
     creep_speed : m/s at which unknown ground may be entered
@@ -53,7 +53,8 @@ def roll_out(
     here = np.array([start[0], start[1], start[2], math.cos(start[2]), math.sin(start[2])])
     reach = math.hypot(half_size[0], half_size[1])
     start_distance = _least_distance(here, half_size, points)
-    leaving = min(start_distance, max(start_distance - LEAVING_SLACK, LEAVING_FLOOR * contact))
+    floor = LEAVING_FLOOR * contact
+    leaving = min(start_distance, max(start_distance - LEAVING_SLACK, floor))
     # Where the robot is in a margin or stands on bad ground, it may leave slowly but not make it worse.
     discs = moving.copy()
     for j in range(moving.shape[0]):
@@ -67,8 +68,9 @@ def roll_out(
         path, limit = paths[i], contact + speed_margin * abs(v[i])
         if abs(v[i]) <= escape_speed:
             limit = min(limit, leaving)
-        _trace(v[i], w[i], pivot * w[i], here, dt, heading_share, path)
-        speed = math.hypot(v[i], pivot * w[i])
+        sideways = slip[0] * w[i] + slip[1] * abs(v[i])
+        _trace(v[i], w[i], sideways, here, dt, heading_share, path)
+        speed = math.hypot(v[i], sideways)
         hazard, free, unknown_step = 0, steps, steps
         if discs.shape[0] > 0:
             free = _until_moving(path, dt, half_size, discs)
@@ -89,6 +91,8 @@ def roll_out(
         if hazard == MOVING_OBSTACLE:
             # Standing still does not help against what comes nearer.
             rejection[i] = MOVING_OBSTACLE
+        elif start_distance < floor and _least_distance(path[free], half_size, points) < start_distance:
+            rejection[i] = COLLISION
         elif hazard != 0 and free_time[i] < needed:
             rejection[i] = CANNOT_STOP if hazard == COLLISION and free_time[i] > reaction else hazard
         elif abs(v[i]) > creep_speed and unknown_step < steps and unknown_step * dt < needed:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from scenes.husky import WHEELS, driving_urdf
-from scenes.meshes import CollisionBox, collision_shapes, cover_mesh, cover_pose
+from scenes.meshes import CollisionBox, CollisionHull, collision_shape, cover_mesh, cover_pose
 from scenes.scenario import CoverObject, MovingObstacle, ObstacleKind
 from scenes.terrain import Heightmap
 
@@ -72,7 +72,7 @@ def add_walls(client: Any, heightmap: Heightmap) -> None:
 
 def add_cover(client: Any, heightmap: Heightmap, thing: CoverObject, *, mesh: bool = False) -> int:
     """A cover object where it stands: what a robot runs into or, with `mesh`, all that is seen of it."""
-    shape, visual = _mesh(client, thing) if mesh else (_shapes(client, thing), -1)
+    shape, visual = _mesh(client, thing) if mesh else (_shape(client, thing), -1)
     pose = cover_pose(heightmap, thing)
     return _add(client, shape, pose.position, pose.quaternion, visual=visual)
 
@@ -120,15 +120,16 @@ def _add(
     return body
 
 
-def _shapes(client: Any, thing: CoverObject) -> int:
-    shapes = collision_shapes(thing)
-    boxes = [isinstance(shape, CollisionBox) for shape in shapes]
-    return client.createCollisionShapeArray(
-        shapeTypes=[client.GEOM_BOX if box else client.GEOM_CYLINDER for box in boxes],
-        halfExtents=[s.half_extents if isinstance(s, CollisionBox) else (0, 0, 0) for s in shapes],
-        radii=[0.0 if isinstance(s, CollisionBox) else s.radius for s in shapes],
-        lengths=[0.0 if isinstance(s, CollisionBox) else s.height for s in shapes],
-        collisionFramePositions=[s.center for s in shapes],
+def _shape(client: Any, thing: CoverObject) -> int:
+    shape = collision_shape(thing)
+    if isinstance(shape, CollisionHull):  # Bullet makes a convex hull of points without triangles
+        return client.createCollisionShape(client.GEOM_MESH, vertices=shape.points.tolist())
+    if isinstance(shape, CollisionBox):
+        return client.createCollisionShape(
+            client.GEOM_BOX, halfExtents=shape.half_extents, collisionFramePosition=shape.center
+        )
+    return client.createCollisionShape(
+        client.GEOM_CYLINDER, radius=shape.radius, height=shape.height, collisionFramePosition=shape.center
     )
 
 

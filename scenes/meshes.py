@@ -59,6 +59,16 @@ class CollisionCylinder:
     height: float
 
 
+@dataclass(frozen=True, eq=False)
+class CollisionHull:
+    """Body frame, metres: the convex hull of points (n, 3)."""
+
+    points: np.ndarray
+
+
+CollisionShape = CollisionBox | CollisionCylinder | CollisionHull
+
+
 def cover_mesh(cover: CoverSpec) -> trimesh.Trimesh:
     """The object with vertex colours; its outer size is length × width × height exactly.
 
@@ -76,15 +86,18 @@ def walker_mesh(kind: Literal["person", "vehicle", "observer"]) -> trimesh.Trime
     return build().fitted(*size).mesh()
 
 
-def collision_shapes(cover: CoverSpec) -> tuple[CollisionBox | CollisionCylinder, ...]:
-    """What a robot runs into: the footprint drawn up from below the ground; of a tree, the trunk alone."""
+def collision_shape(cover: CoverSpec) -> CollisionShape:
+    """What a robot runs into: a rock as it looks; else the footprint drawn up from below the ground, of a
+    tree the trunk alone."""
+    if cover.kind is CoverKind.ROCK:
+        return CollisionHull(np.unique(cover_mesh(cover).vertices, axis=0))
     outline = cover.footprint
     top = crown_base(cover.height) if cover.kind is CoverKind.TREE else cover.height
     depth = skirt_depth(cover.kind)
     centre = (0.0, 0.0, 0.5 * (top - depth))
     if outline.round:
-        return (CollisionCylinder(centre, 0.5 * outline.length, top + depth),)
-    return (CollisionBox(centre, (0.5 * outline.length, 0.5 * outline.width, 0.5 * (top + depth))),)
+        return CollisionCylinder(centre, 0.5 * outline.length, top + depth)
+    return CollisionBox(centre, (0.5 * outline.length, 0.5 * outline.width, 0.5 * (top + depth)))
 
 
 def skirt_depth(kind: CoverKind) -> float:

@@ -7,7 +7,7 @@ from planner.frames import Rejection
 
 
 def roll_out(
-    v, w, pivot, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
+    v, w, slip, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
     half_size, contact, speed_margin, escape_speed, points, moving,
     elevation, forbidden, origin, wheels, tilt_limits,
 ):  # fmt: skip
@@ -15,7 +15,7 @@ def roll_out(
     k = np.arange(1, steps + 1)
     yaw = start[2] + w[:, None] * dt * k
     middle = start[2] + w[:, None] * dt * (k - 1 + heading_share)
-    ahead, left = v[:, None] * dt, pivot * w[:, None] * dt
+    ahead, left = v[:, None] * dt, (slip[0] * w + slip[1] * np.abs(v))[:, None] * dt
     x = start[0] + np.cumsum(ahead * np.cos(middle) - left * np.sin(middle), axis=1)
     y = start[1] + np.cumsum(ahead * np.sin(middle) + left * np.cos(middle), axis=1)
     poses = np.concatenate([np.tile(start, (len(v), 1, 1)), np.stack([x, y, yaw], axis=2)], axis=1)
@@ -55,10 +55,12 @@ def roll_out(
                 tilt = max(tilt, lean[s])
                 if unknown[s]:
                     unknown_poses, unknown_step = unknown_poses + 1, min(unknown_step, s - 1)
-        rows.append(
-            (nearest, unknown_poses / steps, tilt, free,
-             _verdict(v[i], w[i], hazard, free * dt, unknown_step, steps, dt, braking, reaction, creep_speed))
-        )  # fmt: skip
+        verdict = _verdict(
+            v[i], w[i], hazard, free * dt, unknown_step, steps, dt, braking, reaction, creep_speed
+        )
+        if near[free] < near[0] < LEAVING_FLOOR * contact and verdict != Rejection.MOVING_OBSTACLE:
+            verdict = Rejection.COLLISION
+        rows.append((nearest, unknown_poses / steps, tilt, free, verdict))
     nearest, unknown_share, tilt, free, rejection = (np.array(column) for column in zip(*rows, strict=True))
     end = poses[np.arange(len(v)), free]
     dx, dy = target[0] - end[:, 0], target[1] - end[:, 1]

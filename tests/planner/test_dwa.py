@@ -10,7 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner import dwa_kernel
-from planner.dwa import DwaConfig, Footprint, Ground, Surroundings, Weights, candidates, evaluate, window
+from planner.dwa import (
+    NO_SLIP,
+    DwaConfig,
+    Footprint,
+    Ground,
+    Slip,
+    Surroundings,
+    Weights,
+    candidates,
+    evaluate,
+    window,
+)
 from planner.frames import Rejection, TrackedObstacle
 from scenes.pose import Pose, Twist
 from scenes.robot import HUSKY
@@ -22,8 +33,8 @@ NOTHING = Surroundings(np.zeros((0, 2)))
 WHEELS = np.array([(0.256, 0.2854), (0.256, -0.2854), (-0.256, 0.2854), (-0.256, -0.2854)])
 
 
-def rejection_of(v, w, surroundings, config=CONFIG, pose=ORIGIN):
-    rollout = evaluate(config, np.array([v]), np.array([w]), pose, (10.0, 0.0), surroundings)
+def rejection_of(v, w, surroundings, config=CONFIG, pose=ORIGIN, slip=NO_SLIP):
+    rollout = evaluate(config, np.array([v]), np.array([w]), pose, (10.0, 0.0), surroundings, slip=slip)
     return Rejection(int(rollout.arcs.rejection[0]))
 
 
@@ -68,9 +79,28 @@ def test_arcs_follow_the_circle_of_their_velocities():
 
 
 def test_a_robot_that_pivots_about_its_rear_axle_is_foreseen_to_swing_its_middle():
-    rollout = evaluate(CONFIG, np.zeros(1), np.ones(1), ORIGIN, (9, 9), NOTHING, pivot=0.25)
+    rollout = evaluate(CONFIG, np.zeros(1), np.ones(1), ORIGIN, (9, 9), NOTHING, slip=Slip(turning=0.25))
     x, y, yaw = rollout.arcs.poses[0, -1]
     assert (x, y) == pytest.approx((0.25 * (math.cos(yaw) - 1.0), 0.25 * math.sin(yaw)), abs=1e-3)
+
+
+@pytest.mark.parametrize("v", [0.5, -0.3])
+def test_a_robot_that_slides_down_a_side_slope_is_foreseen_to_drift(v):
+    rollout = evaluate(
+        CONFIG, np.array([v]), np.zeros(1), ORIGIN, (9, 9), NOTHING, slip=Slip(driving=-0.2)
+    )
+    assert rollout.arcs.poses[0, -1] == pytest.approx((2.0 * v, -0.2 * 2.0 * abs(v), 0.0))
+
+
+def test_out_of_a_margin_the_robot_only_drives_where_it_does_not_come_nearer_in_the_end():
+    def wall(share):
+        y = 0.5 * HUSKY.width + share * CONFIG.contact_distance
+        return Surroundings(np.column_stack([np.linspace(-3.0, 3.0, 121), np.full(121, y)]))
+
+    assert rejection_of(0.2, 0.0, wall(0.5)) is Rejection.NONE
+    assert rejection_of(0.2, 0.0, wall(0.5), slip=Slip(driving=0.1)) is Rejection.COLLISION
+    assert rejection_of(0.2, 0.1, wall(0.5)) is Rejection.COLLISION
+    assert rejection_of(0.0, 0.0, wall(0.5)) is Rejection.NONE
 
 
 def test_nothing_in_the_way_rejects_nothing_and_the_best_heads_for_the_target():
@@ -230,7 +260,7 @@ def test_kernel_agrees_with_its_plain_twin(seed):
     if rng.random() < 0.3:
         elevation, forbidden = np.zeros((0, 0)), np.zeros((0, 0), bool)
     arguments = (
-        rng.uniform(-0.3, 1.0, 12), rng.uniform(-1.5, 1.5, 12), rng.choice([0.0, -0.3, 0.2]), start,
+        rng.uniform(-0.3, 1.0, 12), rng.uniform(-1.5, 1.5, 12), rng.choice([0.0, -0.3, 0.2], 2), start,
         rng.uniform(-5, 5, 2), 20, 0.1,
         rng.choice([0.5, 1.0]), rng.choice([0.0, 1.5]) * np.array([1.0, 2.0]), rng.choice([0.0, 0.2]), 0.4,
         rng.choice([0.0, 1.0]) * np.array([0.5, 0.33]), rng.uniform(0.1, 0.4), rng.choice([0.0, 0.1]), 0.3,
