@@ -216,8 +216,9 @@ class _Pace:
 
 def frame_row(frame: Frame) -> tuple[float, ...]:
     """A tick's numbers in the order of `app.store.FRAME_COLUMNS`."""
-    pose, twist = frame.pose, frame.twist
-    return (frame.time_s, pose.x, pose.y, pose.z, pose.roll, pose.pitch, pose.yaw, twist.v, twist.w)
+    pose, twist, exposure = frame.pose, frame.twist, frame.exposure
+    place = (pose.x, pose.y, pose.z, pose.roll, pose.pitch, pose.yaw)
+    return (frame.time_s, *place, twist.v, twist.w, exposure.fraction, exposure.detection_probability)
 
 
 def child_main(pipe: connection.Connection, parent_end: connection.Connection) -> None:

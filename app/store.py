@@ -27,7 +27,8 @@ from scenes.scenario import GeneratedSource, Scenario, ScenarioError
 
 ID_PATTERN = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 MAX_ID = 60
-FRAME_COLUMNS = ("time_s", "x", "y", "z", "roll", "pitch", "yaw", "v", "w")
+FIRST_COLUMNS = ("time_s", "x", "y", "z", "roll", "pitch", "yaw", "v", "w")  # of runs that do not say
+FRAME_COLUMNS = (*FIRST_COLUMNS, "exposure", "detection_probability")
 
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS runs (
@@ -36,9 +37,12 @@ CREATE TABLE IF NOT EXISTS runs (
     scenario_id TEXT NOT NULL,
     scenario BLOB NOT NULL,   -- zlib of the scenario document
     summary TEXT NOT NULL,    -- JSON as `covernav run --json`
-    frames BLOB NOT NULL      -- zlib of float64 rows, columns as FRAME_COLUMNS
+    frames BLOB NOT NULL      -- zlib of float64 rows
 );
 """
+
+
+NAME_COLUMNS = f"ALTER TABLE runs ADD COLUMN columns TEXT NOT NULL DEFAULT '{' '.join(FIRST_COLUMNS)}'"
 
 
 class StoreError(OSError):
@@ -74,6 +78,8 @@ class Store:
             self._folder.mkdir(parents=True, exist_ok=True)
             with closing(self._connect()) as database:
                 database.executescript(SCHEMA)
+                if "columns" not in {row["name"] for row in database.execute("PRAGMA table_info(runs)")}:
+                    database.execute(NAME_COLUMNS)
         except (OSError, sqlite3.Error) as error:
             raise StoreError(f"the workspace {self.workspace} cannot be used: {error}") from None
 
@@ -186,12 +192,13 @@ class Store:
             zlib.compress(scenario.to_json().encode()),
             json.dumps(summary, allow_nan=False),
             zlib.compress(rows.tobytes()),
+            " ".join(FRAME_COLUMNS),
         )
         try:
             with closing(self._connect()) as database, database:
                 cursor = database.execute(
-                    "INSERT INTO runs (started_at, scenario_id, scenario, summary, frames)"
-                    " VALUES (?, ?, ?, ?, ?)",
+                    "INSERT INTO runs (started_at, scenario_id, scenario, summary, frames, columns)"
+                    " VALUES (?, ?, ?, ?, ?, ?)",
                     record,
                 )
                 return int(cursor.lastrowid or 0)
@@ -211,10 +218,11 @@ class Store:
         return _describe(self._run_row(run_id, "id, started_at, scenario_id, summary"))
 
     def frames(self, run_id: int) -> list[dict[str, float]]:
-        """One dict a tick with FRAME_COLUMNS; metres, radians. Raises UnknownEntry."""
-        data = zlib.decompress(self._run_row(run_id, "frames")["frames"])
-        rows = np.frombuffer(data, np.float64).reshape(-1, len(FRAME_COLUMNS))
-        return [dict(zip(FRAME_COLUMNS, row, strict=True)) for row in rows.tolist()]
+        """One dict a tick with FRAME_COLUMNS, fewer for runs of old; metres, radians. Raises UnknownEntry."""
+        record = self._run_row(run_id, "frames, columns")
+        columns = record["columns"].split()
+        rows = np.frombuffer(zlib.decompress(record["frames"]), np.float64).reshape(-1, len(columns))
+        return [dict(zip(columns, row, strict=True)) for row in rows.tolist()]
 
     def run_scenario(self, run_id: int) -> Scenario:
         """The scenario that a run was driven in. Raises UnknownEntry."""

@@ -18,7 +18,7 @@ from fastapi import WebSocket, WebSocketDisconnect
 from app.changes import Change
 from app.sockets import close, first_to_end
 from app.studio import Studio
-from planner.frames import Frame
+from planner.frames import Exposure, Frame, Watch
 from scenes.pose import Pose
 
 WINDOW_S = 1.05  # a little over a second, so that ten sent within a second arrive as ten at most
@@ -39,7 +39,7 @@ def mission_document(studio: Studio) -> dict[str, Any]:
         "speed": studio.speed,
         "pose": _pose(studio, frame),
         "goal": {"x": _number(studio.scenario.goal.x), "y": _number(studio.scenario.goal.y)},
-        "exposure": {},
+        "exposure": _exposure(studio, frame),
         "cover": _cover(frame),
         "error": studio.error,
     }
@@ -79,6 +79,34 @@ def _pose(studio: Studio, frame: Frame | None) -> dict[str, float | None]:
     return place | {turn: _number(math.degrees(getattr(pose, turn)), 2) for turn in ("roll", "pitch", "yaw")}
 
 
+def _exposure(studio: Studio, frame: Frame | None) -> dict[str, Any]:
+    """How much of the robot is seen now, and the drive's totals, by all observers and by each."""
+    now = frame.exposure if frame is not None else Exposure()
+    watches = {watch.observer_id: watch for watch in now.watches}
+    percept = frame.percept if frame is not None else None
+    found = set(percept.known_observers) if percept is not None else set()
+    expected = now.expected_detection_s
+    return _totals(now) | {
+        "concealed_fraction": _number(now.concealed_fraction, 4),
+        "expected_detection_s": None if expected is None else _number(expected, 2),
+        "observers": [
+            {"id": observer.id, "known": observer.known or observer.id in found}
+            | _totals(watches.get(observer.id, Watch(observer.id)))
+            for observer in studio.scenario.observers
+        ],
+    }
+
+
+def _totals(seen: Exposure | Watch) -> dict[str, float | None]:
+    return {
+        "fraction": _number(seen.fraction, 4),
+        "exposed_s": _number(seen.exposed_s, 2),
+        "exposure_fraction": _number(seen.exposure_fraction, 4),
+        "longest_exposure_s": _number(seen.longest_exposure_s, 2),
+        "detection_probability": _number(seen.detection_probability, 5),
+    }
+
+
 def _cover(frame: Frame | None) -> dict[str, Any]:
     if frame is None:
         return {"in_cover": False, "fraction": 0.0, "chosen": None}
@@ -103,6 +131,7 @@ def _metrics(frame: Frame | None) -> dict[str, Any] | None:
         "max_roll_deg": _number(math.degrees(totals.max_roll), 1),
         "max_pitch_deg": _number(math.degrees(totals.max_pitch), 1),
         "cover_fraction": _number(totals.cover_fraction),
+        "elevation_gradient_m": _number(totals.elevation_gradient_m, 2),
         "planner_ms": _number(frame.planner_ms, 1),
     }
 

@@ -91,17 +91,23 @@ class ExposureLog:
             ),
         )
 
-    def summary(self) -> dict[str, Any]:
-        """The exposure keys of `covernav run --json`; `observers` has the same for each of them."""
+    def summary(self) -> dict[str, float]:
+        """The exposure keys that `covernav run --json` began with."""
         now = self.exposure
         return {
             "exposure_fraction": now.exposure_fraction,
             "exposed_s": now.exposed_s,
             "longest_exposure_s": now.longest_exposure_s,
             "detection_probability": now.detection_probability,
+        }
+
+    def details(self) -> dict[str, Any]:
+        """Its further keys; `by_observer` has the totals for each of them."""
+        now = self.exposure
+        return {
             "expected_detection_s": now.expected_detection_s,
             "concealed_fraction": now.concealed_fraction,
-            "observers": [
+            "by_observer": [
                 {name: value for name, value in asdict(watch).items() if name != "fraction"}
                 for watch in now.watches
             ],

@@ -237,11 +237,11 @@ class Watch:
     """What one observer sees of the robot now (fraction, 0 to 1), and of the drive so far."""
 
     observer_id: int
-    fraction: float
-    exposed_s: float
-    exposure_fraction: float
-    longest_exposure_s: float
-    detection_probability: float
+    fraction: float = 0.0
+    exposed_s: float = 0.0
+    exposure_fraction: float = 0.0
+    longest_exposure_s: float = 0.0
+    detection_probability: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -91,11 +91,12 @@ class Leg:
             "execution_time_s": time_s - self.begun_s,
             **self.exposure.summary(),
             "cover_fraction": self.metrics.cover_fraction,
-            "elevation_gradient_m": self.metrics.elevation_gradient_m,
             "collisions": self.metrics.collisions,
             "max_roll_deg": math.degrees(self.metrics.max_roll),
             "max_pitch_deg": math.degrees(self.metrics.max_pitch),
             "planner_ms_p50": float(np.percentile(times, 50)),
             "planner_ms_p95": float(np.percentile(times, 95)),
             "policy": None,
+            **self.exposure.details(),
+            "elevation_gradient_m": self.metrics.elevation_gradient_m,
         }

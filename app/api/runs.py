@@ -30,7 +30,8 @@ def router(store: Store) -> APIRouter:
 
     @routes.get("/runs/{id}/frames")
     async def frames(id: RunId) -> list[dict[str, Any]]:
-        """One row a tick: time_s, x, y, z, roll, pitch, yaw, v and w; metres, degrees."""
+        """One row a tick: time_s, x, y, z, roll, pitch, yaw, v and w in metres and degrees; exposure, the
+        visible fraction, and detection_probability so far."""
         return await asyncio.to_thread(lambda: [_in_degrees(row) for row in store.frames(id)])
 
     @routes.get("/methods")

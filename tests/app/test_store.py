@@ -1,14 +1,18 @@
 """The workspace: what is saved stays saved, whatever happens beside it."""
 
 import os
+import sqlite3
+import zlib
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.store import FRAME_COLUMNS, ID_PATTERN, MAX_ID, Store, StoreError, UnknownEntry
+from app.store import FIRST_COLUMNS, FRAME_COLUMNS, ID_PATTERN, MAX_ID, Store, StoreError, UnknownEntry
 from scenes.scenario import ScenarioError
 
 SUMMARY = {"status": "reached", "success": True, "trajectory_length_m": 6.1}
@@ -94,6 +98,20 @@ def test_a_run_is_kept_with_its_scenario_and_every_tick(store, meadow):
     }
     assert [tuple(row.values()) for row in again.frames(run_id)] == frames
     assert again.run_scenario(run_id).to_json() == meadow.to_json()
+
+
+def test_runs_of_a_workspace_that_is_older_than_the_exposure_columns_can_be_read(tmp_path, meadow):
+    store = Store(tmp_path / "now")
+    frames = [tuple(float(i + j) for j in range(len(FRAME_COLUMNS))) for i in range(5)]
+    store.add_run("mine", meadow, SUMMARY, frames, datetime(2026, 1, 2, tzinfo=UTC))
+    old = [frame[: len(FIRST_COLUMNS)] for frame in frames]
+    with closing(sqlite3.connect(store.workspace / "runs.sqlite")) as database, database:
+        database.execute("ALTER TABLE runs DROP COLUMN columns")
+        database.execute("UPDATE runs SET frames = ?", (zlib.compress(np.array(old).tobytes()),))
+    again = Store(store.workspace)
+    assert [tuple(row.values()) for row in again.frames(1)] == old
+    new = again.add_run("mine", meadow, SUMMARY, frames, datetime(2026, 1, 3, tzinfo=UTC))
+    assert [tuple(row.values()) for row in again.frames(new)] == frames
 
 
 @pytest.mark.parametrize("missing", [0, -1, 7, 2**63, 10**30])

@@ -11,7 +11,7 @@ from served import BEARER, OPEN_ID, application, browser, silent_studio
 from app import telemetry
 from app.changes import Change, Kind, Selection
 from app.telemetry import MOST_IN_WINDOW, Pace, Revisions, mission_document, stream, telemetry_document
-from planner.frames import Frame, Metrics, Status
+from planner.frames import Exposure, Frame, Metrics, Status, Watch
 from scenes.pose import Pose, Twist
 from scenes.scenario import ObserverSpec
 
@@ -44,6 +44,27 @@ def test_the_document_follows_the_newest_frame(studio):
     assert document["time_s"] == 0.3
     assert document["pose"] == {"x": 1.0, "y": 2.0, "z": 0.5, "roll": 5.73, "pitch": -11.46, "yaw": 90.0}
     assert document["cover"] == {"in_cover": True, "fraction": 0.25, "chosen": None}
+
+
+def test_the_document_says_who_sees_the_robot_and_how_long_it_was_seen(studio):
+    near, far = (studio.add_observer(ObserverSpec(x=x, y=6.0)) for x in (1.0, 5.0))
+    assert mission_document(studio)["exposure"]["observers"][-1]["exposed_s"] == 0.0
+    seen = Watch(near.id, 0.5, 1.25, 0.4, 0.8, 0.625)
+    exposure = Exposure(0.5, 1.25, 0.4, 0.8, 0.6, 0.625, 1.5, (seen,))
+    studio._drive.frame = frame(exposure=exposure)
+    document = mission_document(studio)["exposure"]
+    totals = {
+        "fraction": 0.5,
+        "exposed_s": 1.25,
+        "exposure_fraction": 0.4,
+        "longest_exposure_s": 0.8,
+        "detection_probability": 0.625,
+    }
+    assert document.items() >= totals.items()
+    assert document["concealed_fraction"] == 0.6 and document["expected_detection_s"] == 1.5
+    watched, unwatched = document["observers"][-2:]
+    assert watched == {"id": near.id, "known": True} | totals
+    assert unwatched == {"id": far.id, "known": True} | dict.fromkeys(totals, 0.0)
 
 
 def test_a_number_that_json_has_no_word_for_is_null(studio):

@@ -16,6 +16,7 @@ KEYS = [
     *("trajectory_length_m", "straight_line_m", "execution_time_s"),
     *("exposure_fraction", "exposed_s", "longest_exposure_s", "detection_probability", "cover_fraction"),
     *("collisions", "max_roll_deg", "max_pitch_deg", "planner_ms_p50", "planner_ms_p95", "policy"),
+    *("expected_detection_s", "concealed_fraction", "by_observer", "elevation_gradient_m"),
 ]
 
 
@@ -40,8 +41,8 @@ def test_the_summary_has_the_keys_of_the_interface_in_its_order():
     assert list(summary) == KEYS
     assert summary["success"] is False and summary["execution_time_s"] == 10.0
     assert summary["straight_line_m"] == 5.0
-    unmeasured = "exposure_fraction exposed_s longest_exposure_s detection_probability policy"
-    assert all(summary[key] is None for key in unmeasured.split())
+    assert summary["exposed_s"] == summary["detection_probability"] == 0.0
+    assert summary["policy"] is summary["expected_detection_s"] is None
 
 
 def test_only_reached_is_a_success():
