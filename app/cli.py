@@ -105,6 +105,8 @@ def _parser() -> argparse.ArgumentParser:
     evaluate = commands.add_parser("evaluate", help="compare methods on seeded missions", allow_abbrev=False)
     evaluate.add_argument("--methods", default="all", metavar="all|a,b")
     evaluate.add_argument("--terrains", default="all", metavar="all|a,b")
+    evaluate.add_argument("--suite", choices=["random", "covert"], default="random")
+    evaluate.add_argument("--observers", choices=["known", "unknown"], default="known")
     evaluate.add_argument("--perception", choices=["lidar", "oracle"], default="lidar")
     evaluate.add_argument("--missions", type=_whole(1, 100_000), default=100)
     evaluate.add_argument("--seed", type=_SEED, default=0)
@@ -247,6 +249,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     from planner.evaluation import evaluate, specs, tabulate
     from planner.frames import Perception
     from planner.methods import METHODS
+    from planner.suites import Knowledge, Suite
     from scenes.scenario import Family
 
     methods = list(METHODS) if arguments.methods == "all" else arguments.methods.split(",")
@@ -262,6 +265,8 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         arguments.seed,
         Perception(arguments.perception),
         arguments.goal_distance,
+        Suite(arguments.suite),
+        Knowledge(arguments.observers),
     )
     journal = None
     if arguments.out is not None:
@@ -287,21 +292,32 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         print(_markdown(rows))
 
 
+COLUMNS: tuple[tuple[str, str, str], ...] = (
+    ("length ratio", "length_ratio", ".2f"),
+    ("mission s", "execution_time_s", ".1f"),
+    ("exposed s", "exposed_s", ".1f"),
+    ("longest s", "longest_exposure_s", ".1f"),
+    ("detected %", "detection_probability", ".0%"),
+    ("avoidable removed %", "avoidable_removed", ".0%"),
+)
+"""Heading, key of a row and format; a per cent sign is left to the heading."""
+
+
 def _markdown(rows: list[dict[str, Any]]) -> str:
-    lines = [
-        "| terrain | method | n | success % (95 % interval) | length ratio | mission s | failures |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    headings = ["terrain", "method", "n", "success % (95 % interval)", *(name for name, *_ in COLUMNS)]
+    lines = ["| " + " | ".join([*headings, "failures"]) + " |", "|---" * (len(headings) + 1) + "|"]
     for row in rows:
         low, high = row["success_ci95"]
-        failures = ", ".join(f"{n} {reason}" for reason, n in row["failures"].items()) or "none"
-        ratio = f"{row['length_ratio']:.2f}" if row["length_ratio"] else "–"
-        seconds = f"{row['execution_time_s']:.1f}" if row["execution_time_s"] else "–"
-        lines.append(
-            f"| {row['terrain']} | `{row['method']}` | {row['missions']}"
-            f" | {100 * row['success_rate']:.0f} ({100 * low:.0f}–{100 * high:.0f})"
-            f" | {ratio} | {seconds} | {failures} |"
-        )
+        cells = [
+            row["terrain"],
+            f"`{row['method']}`",
+            str(row["missions"]),
+            f"{100 * row['success_rate']:.0f} ({100 * low:.0f}–{100 * high:.0f})",
+        ]
+        for _, key, style in COLUMNS:
+            cells.append("–" if row[key] is None else format(row[key], style).rstrip("%"))
+        failures = ", ".join(f"{n} {reason}" for reason, n in row["failures"].items())
+        lines.append("| " + " | ".join([*cells, failures or "none"]) + " |")
     return "\n".join(lines)
 
 

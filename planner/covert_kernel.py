@@ -95,9 +95,7 @@ def straighten(cost, resolution, cells, span):
     best[0] = 0.0
     for to in range(1, count):
         for since in range(max(0, to - span), to):
-            straight = line(
-                cost, resolution, cells[since, 0], cells[since, 1], cells[to, 0], cells[to, 1]
-            )
+            straight = line(cost, resolution, cells[since, 0], cells[since, 1], cells[to, 0], cells[to, 1])
             if best[since] + straight < best[to] - 1e-12:
                 best[to] = best[since] + straight
                 before[to] = since

@@ -1,8 +1,8 @@
 """Covert routes: least-cost ways over slope, obstacles and exposure, from the shortest to the most hidden.
 
-The cost of a way is its time, dearer on rough and narrow ground, and the seconds for which the robot is seen;
-one weight from 0 to 1 says how much the second counts against the first. Over all weights the engine gives the
-least exposure that a way of some length can have: the bound that drives are measured against.
+The cost of a way is its time, dearer on rough and narrow ground, and the seconds for which the robot is
+seen; one weight from 0 to 1 says how much the second counts against the first. Over all weights the engine
+gives the least exposure that a way of some length can have: the bound that drives are measured against.
 """
 
 from __future__ import annotations
@@ -17,15 +17,14 @@ import numpy as np
 from planner.cost_map import CostConfig, CostMap, build, obstacle_distance, open_about
 from planner.covert_kernel import search, straighten
 from planner.elevation_map import MapConfig
-from planner.exposure import views_at
 from planner.frames import GridMap
 from planner.hull_exposure import HullExposure, hull_exposure
 from planner.oracle import true_grid
-from planner.pace import Course, Pace, course
+from planner.pace import Pace, course
+from planner.route_exposure import course_exposure
 from scenes.rays import RayScene
 from scenes.robot import HUSKY
 from scenes.scenario import CoverObject, Observer
-from scenes.stance import standing_pose
 from scenes.terrain import Heightmap
 
 BALANCED = 0.5
@@ -64,7 +63,8 @@ class CovertRoute:
     length_m: float
     duration_s: float
     exposed_s: float
-    detection_probability: float | None
+    longest_exposure_s: float
+    detection_probability: float
     cost: float
     weight: float
     waits: tuple[tuple[tuple[float, float], float, float], ...] = ()
@@ -216,37 +216,21 @@ class CovertPlanner:
     ) -> CovertRoute:
         """A way given by its corners (k, 2), with the figures of a drive along it."""
         drive = course(points, self.config.pace, self._clearance_at, yaw)
-        seen = self.seen_along(drive)
+        seen = course_exposure(self.rays, self.heightmap, self.observers, drive)
         return CovertRoute(
             points,
             float(np.hypot(*np.diff(points, axis=0).T).sum()),
             float(drive.seconds.sum()),
-            float(seen @ drive.seconds),
-            None,
+            seen.exposed_s,
+            seen.longest_exposure_s,
+            seen.detection_probability,
             cost,
             weight,
         )
 
-    def seen_along(self, drive: Course) -> np.ndarray:
-        """(n,) united visible fraction at the places of a drive that starts at time 0, of the hull as it
-        stands on the ground there."""
-        hulls = [
-            standing_pose(self.heightmap, float(x), float(y), float(yaw)).to_world(HUSKY.hull_points())
-            for (x, y), yaw in zip(drive.positions, drive.yaw, strict=True)
-        ]
-        points = np.concatenate([np.zeros((0, 3)), *hulls])
-        light = np.zeros(len(points))
-        for view in views_at(self.observers, self.heightmap, 0.0):
-            held = view.holds(points) & (light < 1.0)
-            if held.any():
-                light[held] = np.maximum(light[held], self.rays.visible(view.eye, points[held]))
-        return light.reshape(len(hulls), -1).mean(axis=1) if hulls else np.zeros(0)
-
     # --- costs -----------------------------------------------------------------------------------
 
-    def _seconds(
-        self, start: tuple[float, float], goal: tuple[float, float]
-    ) -> tuple[np.ndarray, int, int]:
+    def _seconds(self, start: tuple[float, float], goal: tuple[float, float]) -> tuple[np.ndarray, int, int]:
         """Seconds a metre (rows, cols), inf where forbidden, and the flat indices of the ends' cells."""
         costs, pace = self.costs, self.config.pace
         for name, point in (("start", start), ("goal", goal)):
@@ -258,13 +242,9 @@ class CovertPlanner:
         to_goal = np.hypot(x - goal[0], y[:, None] - goal[1])
         seconds = 1.0 / np.minimum(pace.speed(self.clearance), pace.arriving(to_goal))
         seconds[costs.forbidden] = np.inf
-        slow = 1.0 / pace.slow
-        open_about(
-            seconds, costs, np.array(start), HUSKY.circumscribed_radius, slow, self.grid.obstacle | costs.unknown
-        )
-        open_about(
-            seconds, costs, np.array(goal), HUSKY.inscribed_radius, slow, self.grid.obstacle | costs.unknown
-        )
+        slow, closed = 1.0 / pace.slow, self.grid.obstacle | costs.unknown
+        open_about(seconds, costs, np.array(start), HUSKY.circumscribed_radius, slow, closed)
+        open_about(seconds, costs, np.array(goal), HUSKY.inscribed_radius, slow, closed)
         begin, end = (int(np.ravel_multi_index(costs.cell(*p), self.grid.shape)) for p in (start, goal))
         if not math.isfinite(seconds.flat[begin]):
             seconds.flat[begin] = slow

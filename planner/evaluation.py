@@ -15,38 +15,40 @@ from joblib import Parallel, delayed
 
 from planner.frames import Perception, Status
 from planner.mission import Mission
+from planner.suites import Knowledge, Suite, suite_mission
 from planner.warm_up import warm_up
-from scenes.families import generate
 from scenes.scenario import Family
+
+GROUPED_BY = {"terrain": "", "method": "", "suite": "random", "observers": "known", "perception": ""}
+"""What makes a row of the table, with what missions mean that do not say."""
 
 
 @dataclass(frozen=True, order=True)
 class MissionSpec:
-    """One drive: the generated scene of `seed` in `terrain`, driven by `method`."""
+    """One drive: the mission of `seed` in `terrain` and `suite`, driven by `method`."""
 
     terrain: Family
     method: str
     seed: int
     perception: Perception
     goal_distance: float
-
-
-def size_for(goal_distance: float) -> float:
-    """Side of the square map in metres: room for the drive and a detour around it."""
-    return max(48.0, 1.6 * goal_distance)
+    suite: Suite = Suite.RANDOM
+    observers: Knowledge = Knowledge.KNOWN
 
 
 def drive(spec: MissionSpec) -> dict[str, Any]:
-    """Drive one mission in full physics; the summary as `run --json` and what it was."""
+    """Drive one mission in full physics: the summary as `run --json`, what it was, and under `shortest_...`
+    and `bound_...` what the route engine makes of it (`planner.suites.Reference`)."""
     warm_up()
-    scenario = generate(
-        spec.terrain, spec.seed, size_m=size_for(spec.goal_distance), goal_distance=spec.goal_distance
-    )
-    mission = Mission(scenario, spec.method, spec.seed, spec.perception)
+    set_up = suite_mission(spec.suite, spec.terrain, spec.seed, spec.observers, spec.goal_distance)
+    mission = Mission(set_up.scenario, spec.method, spec.seed, spec.perception)
     try:
         for _ in mission.frames():
             pass
-        return asdict(spec) | mission.summary()
+        # The spec's own word on observers is whether they are known; the summary's is what each of them saw.
+        summary = mission.summary()
+        watches = {"watches": summary.pop("observers", [])}
+        return asdict(spec) | summary | watches | asdict(set_up.reference)
     finally:
         mission.close()
 
@@ -58,13 +60,16 @@ def specs(
     seed: int,
     perception: Perception,
     goal_distance: float,
+    suite: Suite = Suite.RANDOM,
+    observers: Knowledge = Knowledge.KNOWN,
 ) -> list[MissionSpec]:
-    """Every mission of an evaluation; mission i has seed + i whatever the method."""
+    """Every mission of an evaluation; mission i has seed + i whatever the method. The methods' drives of one
+    mission follow each other, for a process keeps the missions it has made."""
     return [
-        MissionSpec(terrain, method, seed + index, perception, goal_distance)
+        MissionSpec(terrain, method, seed + index, perception, goal_distance, suite, observers)
         for terrain in terrains
-        for method in methods
         for index in range(missions)
+        for method in methods
     ]
 
 
@@ -103,6 +108,8 @@ def _read(journal: Path) -> Iterator[tuple[MissionSpec, dict[str, Any]]]:
                 result["seed"],
                 Perception(result["perception"]),
                 result["goal_distance"],
+                Suite(result.get("suite", Suite.RANDOM)),
+                Knowledge(result.get("observers", Knowledge.KNOWN)),
             )
         except (ValueError, KeyError, TypeError):
             problem = f"{journal}, line {number}: not a finished mission; move the file away"
@@ -122,42 +129,62 @@ def wilson(successes: int, trials: int, z: float = 1.959964) -> tuple[float, flo
 
 
 def tabulate(missions: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """One row a terrain, method and perception; lengths and times are means over the successes."""
-    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    """One row a terrain, method, suite and perception; lengths, times and exposure are means over the
+    successes."""
+    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for mission in missions:
-        key = (mission["terrain"], mission["method"], mission["perception"])
+        key = tuple(str(mission.get(name, usual)) for name, usual in GROUPED_BY.items())
         groups.setdefault(key, []).append(mission)
     order = [family.value for family in Family]
     keys = sorted(groups, key=lambda key: (order.index(key[0]), *key[1:]))
-    return [_row(*key, sorted(groups[key], key=lambda mission: mission["seed"])) for key in keys]
+    return [
+        dict(zip(GROUPED_BY, key, strict=True)) | _row(sorted(groups[key], key=lambda m: m["seed"]))
+        for key in keys
+    ]
 
 
-def _row(terrain: str, method: str, perception: str, missions: list[dict[str, Any]]) -> dict[str, Any]:
+def _row(missions: list[dict[str, Any]]) -> dict[str, Any]:
     good = [mission for mission in missions if mission["success"]]
     statuses = Counter(mission["status"] for mission in missions)
     count = len(missions)
     return {
-        "terrain": terrain,
-        "method": method,
-        "suite": "random",
-        "perception": perception,
         "missions": count,
         "successes": len(good),
         "success_rate": len(good) / count,
         "success_ci95": list(wilson(len(good), count)),
-        "trajectory_length_m": _mean(mission["trajectory_length_m"] for mission in good),
-        "length_ratio": _mean(
-            mission["trajectory_length_m"] / mission["straight_line_m"] for mission in good
-        ),
-        "execution_time_s": _mean(mission["execution_time_s"] for mission in good),
-        "cover_fraction": _mean(mission["cover_fraction"] for mission in good),
+        "trajectory_length_m": _mean(good, "trajectory_length_m"),
+        "length_ratio": _mean_of(m["trajectory_length_m"] / m["straight_line_m"] for m in good),
+        "execution_time_s": _mean(good, "execution_time_s"),
+        "exposure_fraction": _mean(good, "exposure_fraction"),
+        "exposed_s": _mean(good, "exposed_s"),
+        "longest_exposure_s": _mean(good, "longest_exposure_s"),
+        "detection_probability": _mean(good, "detection_probability"),
+        "avoidable_removed": avoidable_removed(good),
+        "cover_fraction": _mean(good, "cover_fraction"),
+        "concealed_fraction": _mean(good, "concealed_fraction"),
         "collision_rate": statuses[Status.COLLIDED] / count,
         "timeout_rate": statuses[Status.TIMEOUT] / count,
         "failures": {status: n for status, n in sorted(statuses.items()) if status != Status.REACHED},
-        "planner_ms_p50": _mean(mission["planner_ms_p50"] for mission in missions),
+        "planner_ms_p50": _mean(missions, "planner_ms_p50"),
     }
 
 
-def _mean(values: Iterable[float]) -> float | None:
+def avoidable_removed(missions: Iterable[dict[str, Any]]) -> float | None:
+    """Share of the avoidable exposed seconds that the drives were spared, all missions' seconds together:
+    (shortest route's - driven) / (shortest route's - bound); None where nothing could be avoided."""
+    spared = avoidable = 0.0
+    for mission in missions:
+        if mission.get("bound_s") is not None and mission.get("exposed_s") is not None:
+            spared += mission["shortest_s"] - mission["exposed_s"]
+            avoidable += mission["shortest_s"] - mission["bound_s"]
+    return spared / avoidable if avoidable > 1e-9 else None
+
+
+def _mean(missions: Iterable[dict[str, Any]], key: str) -> float | None:
+    """Over the missions that have it; those of older journals lack what was not measured then."""
+    return _mean_of(mission[key] for mission in missions if mission.get(key) is not None)
+
+
+def _mean_of(values: Iterable[float]) -> float | None:
     numbers = list(values)
     return float(np.mean(numbers)) if numbers else None

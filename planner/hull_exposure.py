@@ -1,7 +1,7 @@
 """How much of the robot would be seen in each cell, by the way it heads: what covert routes are made of.
 
-A drive's exposure is logged on `HUSKY.hull_points()`. Here the same points are looked up in exposure fields at
-the hull's heights over the ground, so that a route's planned exposure and a drive's logged one are one thing.
+A drive's exposure is logged on `HUSKY.hull_points()`. Here the same points are looked up in exposure fields
+at the hull's heights over the ground, so that planned and logged exposure are one thing.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class HullExposure:
 def hull_exposure(
     rays: RayScene, heightmap: Heightmap, observers: Sequence[Observer], *, stride: int = 1
 ) -> HullExposure:
-    """The field over every `stride`-th cell of the map: a ray for each cell, observer and height of the hull."""
+    """The field over every `stride`-th cell of the map: a ray for each cell, observer and hull height."""
     heights = np.unique(HUSKY.hull_points()[:, 2])
     if common_cycle(observers):
         fields = [
@@ -84,7 +84,7 @@ def over_hull(light: np.ndarray, resolution: float) -> np.ndarray:
 
 
 def _stencil(heading: float, resolution: float) -> dict[tuple[int, int, int], float]:
-    """Weights by height's index, row and column relative to the robot's cell, for all hull points together."""
+    """Weights by height's index, row and column relative to the robot's cell, of all hull points together."""
     hull = HUSKY.hull_points()
     levels = np.unique(hull[:, 2], return_inverse=True)[1]
     cos, sin = math.cos(heading), math.sin(heading)

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from scenes.pose import wrap_angle
 
-SAMPLE_SPACING = 0.1
+SAMPLE_SPACING = 0.2
 """Metres between the places at which a route is looked at."""
 
 
@@ -21,7 +22,7 @@ class Pace:
     """Metres, seconds, radians.
 
     cruise : m/s on open ground
-    slow, narrow, wide : m/s where the middle is `narrow` metres from an obstacle, growing to `cruise` at `wide`
+    slow, narrow, wide : m/s where the middle is `narrow` metres from an obstacle; `cruise` from `wide` on
     deceleration, slowest : toward the goal, as `planner.driver` brakes; `arrived` from it the drive is over
     turn_rate : with which the robot turns to its route before it goes; `easy_turn` it takes while driving
     """
@@ -69,7 +70,7 @@ def sample(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places along a polyline (k, 2) about `SAMPLE_SPACING` apart: the middles (n, 2) of equal pieces of each
     segment, their yaw (n,) and length (n,)."""
     middles, yaws, lengths = [np.zeros((0, 2))], [np.zeros(0)], [np.zeros(0)]
-    for begin, end in zip(points[:-1], points[1:], strict=True):
+    for begin, end in pairwise(points):
         length = float(math.dist(begin, end))
         if length <= 0.0:
             continue

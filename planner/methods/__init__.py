@@ -30,7 +30,7 @@ class Method(Protocol):
 
 @runtime_checkable
 class Briefed(Protocol):
-    """A method that plans on the truth: a mission briefs it before its first decision and after every edit."""
+    """A method that plans on the truth: a mission briefs it before it decides and after every edit."""
 
     def brief(self, scenario: Scenario, rays: RayScene) -> None:
         """Take over the true scenario; `rays` holds its ground and cover."""

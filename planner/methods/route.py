@@ -107,9 +107,7 @@ class FollowRoute:
                 return
         if self._planner is None:
             raise RuntimeError("the method must be briefed with the scenario before it decides")
-        route = self._choose(
-            self._planner, (percept.pose.x, percept.pose.y), percept.goal, percept.pose.yaw
-        )
+        route = self._choose(self._planner, (percept.pose.x, percept.pose.y), percept.goal, percept.pose.yaw)
         self._places, self._at = _evenly(route.points, self.config.spacing), 0
 
     def _waypoint(self, percept: Percept, rest: np.ndarray) -> tuple[float, float]:

@@ -1,0 +1,96 @@
+"""What would be seen of a robot that drives a given course: the figures that its drive would log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner.detection_model import DetectionModel, probability
+from planner.exposure_log import NOTICEABLE
+from planner.line_of_sight import View, views_at
+from planner.pace import Course
+from scenes.rays import RayScene
+from scenes.robot import HUSKY
+from scenes.scenario import Observer
+from scenes.stance import standing_pose
+from scenes.terrain import Heightmap
+
+
+@dataclass(frozen=True, eq=False)
+class CourseExposure:
+    """united : (n,) visible fraction at each place of a course, for all observers together
+    exposed_s, longest_exposure_s, detection_probability : of the whole, as `planner.exposure_log` has them
+    """
+
+    united: np.ndarray
+    exposed_s: float
+    longest_exposure_s: float
+    detection_probability: float
+
+
+def course_exposure(
+    rays: RayScene,
+    heightmap: Heightmap,
+    observers: Sequence[Observer],
+    course: Course,
+    model: DetectionModel | None = None,
+) -> CourseExposure:
+    """The exposure of a drive that begins at time 0: the hull as it stands on the ground at each place, seen
+    by the observers where they are by then."""
+    model = model or DetectionModel()
+    hull, middles = _hulls(heightmap, course)
+    light = np.zeros((len(observers), *hull.shape[:2]))
+    hazard = np.zeros(len(middles))
+    for row, observer in zip(light, observers, strict=True):
+        for places, view in _views(observer, heightmap, course):
+            row[places] = _light(rays, view, hull[places])
+            distance = np.linalg.norm(middles[places] - view.eye, axis=1)
+            hazard[places] += model.hazard(row[places].mean(axis=1), distance)
+    united = light.max(axis=0, initial=0.0).mean(axis=1)
+    return CourseExposure(
+        united,
+        float(united @ course.seconds),
+        _longest(united > NOTICEABLE, course.seconds),
+        probability(float(hazard @ course.seconds)),
+    )
+
+
+def _hulls(heightmap: Heightmap, course: Course) -> tuple[np.ndarray, np.ndarray]:
+    """World points of the hull (n, 12, 3) and of the body's middle (n, 3) at each place."""
+    poses = [
+        standing_pose(heightmap, float(x), float(y), float(yaw))
+        for (x, y), yaw in zip(course.positions, course.yaw, strict=True)
+    ]
+    points = HUSKY.hull_points()
+    hull = np.array([pose.to_world(points) for pose in poses]).reshape(-1, *points.shape)
+    middles = np.array([pose.position for pose in poses]).reshape(-1, 3)
+    return hull, middles + np.array([0.0, 0.0, 0.5 * HUSKY.height])
+
+
+def _views(observer: Observer, heightmap: Heightmap, course: Course):
+    """(places, view) for all places of the course: one for them all unless the observer walks."""
+    if observer.patrol is None:
+        yield slice(None), views_at([observer], heightmap, 0.0)[0]
+        return
+    for index, time_s in enumerate(course.times):
+        yield slice(index, index + 1), views_at([observer], heightmap, float(time_s))[0]
+
+
+def _light(rays: RayScene, view: View, hull: np.ndarray) -> np.ndarray:
+    """(n, 12) share of light from hull points (n, 12, 3) to the view."""
+    points = hull.reshape(-1, 3)
+    light = np.zeros(len(points))
+    held = view.holds(points)
+    if held.any():
+        light[held] = rays.visible(view.eye, points[held])
+    return light.reshape(hull.shape[:2])
+
+
+def _longest(seen: np.ndarray, seconds: np.ndarray) -> float:
+    longest = unbroken = 0.0
+    for now, duration in zip(seen, seconds, strict=True):
+        unbroken = unbroken + float(duration) if now else 0.0
+        longest = max(longest, unbroken)
+    return longest
