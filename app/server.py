@@ -23,10 +23,11 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Lifespan
 
 from app import telemetry, viewer_proxy
-from app.api import docs, errors, mission, runs, scenarios, things
+from app.api import docs, errors, exposure, mission, runs, scenarios, things
 from app.api.bodies import BodyLimit
 from app.changes import COLLECTIONS
 from app.connections import HEAD_LIMIT_BYTES, PromptHttp, PromptWebSocket
+from app.exposure_service import ExposureService
 from app.security import WILDCARDS, Gate, Hosts
 from app.settings import Settings, SettingsError
 from app.store import Store
@@ -46,6 +47,7 @@ def create_app(
     settings: Settings,
     viewer: Viewer | None = None,
     lifespan: Lifespan[FastAPI] | None = None,
+    exposures: ExposureService | None = None,
 ) -> FastAPI:
     """The ASGI application around a studio that its caller starts and closes; without a `viewer` it has
     no 3D view."""
@@ -64,6 +66,7 @@ def create_app(
     app.include_router(scenarios.router(studio))
     for kind in COLLECTIONS:
         app.include_router(things.router(studio, kind))
+    app.include_router(exposure.router(exposures or ExposureService(studio)))
     app.include_router(runs.router(studio.store))
     _add_stream(app, studio)
     _add_pages(app)

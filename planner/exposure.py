@@ -90,6 +90,11 @@ class ExposureField:
         """Square metres that are seen in `united` or `of(...)`."""
         return float(np.count_nonzero(exposure >= SEEN)) * self.resolution**2
 
+    def mean(self, exposure: np.ndarray) -> float:
+        """Mean of `united` or `of(...)` over the known cells; 0 where nothing is known."""
+        known = exposure[~self.unknown]
+        return float(known.mean()) if len(known) else 0.0
+
     @property
     def unknown_area(self) -> float:
         """Square metres without data."""
