@@ -180,6 +180,7 @@ def _serve(arguments: argparse.Namespace) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> None:
+    from planner.exposure_log import timeline
     from planner.frames import Perception
     from planner.mission import Mission
     from planner.warm_up import warm_up
@@ -210,13 +211,13 @@ def _run(arguments: argparse.Namespace) -> None:
         mission.close()
     if arguments.record is not None:
         _record(arguments.record, scenario, summary, rows)
-    _print_json(arguments.json, summary)
+    _print_json(arguments.json, summary | {"timeline": timeline(rows)})
     if arguments.json != "-":
         ratio = summary["trajectory_length_m"] / max(summary["straight_line_m"], 1e-9)
         print(
             f"{summary['status']}: {summary['trajectory_length_m']:.1f} m"
             f" in {summary['execution_time_s']:.1f} s ({ratio:.2f} × the straight line),"
-            f" planner {summary['planner_ms_p50']:.1f} ms"
+            f" seen for {summary['exposed_s']:.1f} s, planner {summary['planner_ms_p50']:.1f} ms"
         )
 
 

@@ -278,13 +278,14 @@ def test_names_of_uploads_are_made_harmless(sent, kept):
 
 def test_runs_are_listed_and_their_frames_given_in_degrees(client, studio, meadow):
     summary = {"scenario": meadow.name, "status": Status.REACHED.value, "success": True}
-    rows = [(0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 3.141592653589793, 0.5, 0.0)]
+    rows = [(0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 3.141592653589793, 0.5, 0.0, 0.75, 0.2)]
     number = studio.store.add_run(OPEN_ID, meadow, summary, rows, datetime(2024, 5, 1, tzinfo=UTC))
     (run,) = client.get("/api/runs").json()
     assert run["id"] == number and run["status"] == "reached" and run["scenario_id"] == OPEN_ID
     assert client.get(f"/api/runs/{number}").json() == run
     (frame,) = client.get(f"/api/runs/{number}/frames").json()
     assert frame["yaw"] == pytest.approx(180.0) and frame["v"] == 0.5
+    assert (frame["exposure"], frame["detection_probability"]) == (0.75, 0.2)
 
 
 def test_methods_are_named_and_described(client):

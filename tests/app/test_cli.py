@@ -14,7 +14,7 @@ RUN_KEYS = {
     "scenario", "method", "perception", "seed", "status", "success", "trajectory_length_m", "straight_line_m",
     "execution_time_s", "exposure_fraction", "exposed_s", "longest_exposure_s", "detection_probability",
     "cover_fraction", "collisions", "max_roll_deg", "max_pitch_deg", "planner_ms_p50", "planner_ms_p95",
-    "policy",
+    "policy", "expected_detection_s", "concealed_fraction", "by_observer", "elevation_gradient_m", "timeline",
 }  # fmt: skip
 
 
@@ -43,6 +43,12 @@ def test_run_prints_one_json_document_and_nothing_else(capsys, meadow_file):
     summary = json.loads(captured.out)
     assert set(summary) == RUN_KEYS and captured.err == ""
     assert summary["status"] == "reached" and summary["success"] is True
+    (watcher,) = summary["by_observer"]
+    assert watcher["observer_id"] == 1 and watcher["exposed_s"] == summary["exposed_s"] > 0.0
+    timeline = summary["timeline"]
+    assert 0.1 * sum(timeline["exposure"]) == pytest.approx(summary["exposed_s"], abs=0.01)
+    assert timeline["detection_probability"][-1] == pytest.approx(summary["detection_probability"], abs=1e-5)
+    assert timeline["time_s"][-1] == pytest.approx(summary["execution_time_s"])
 
 
 def test_run_takes_another_goal_and_a_time_limit(capsys, meadow_file):
