@@ -1,10 +1,22 @@
 """Exact viewsheds on a height grid: which cells an observer sees over bare ground.
 
-The definition (W. R. Franklin's R3): the straight line from the eye to the target point over a cell's centre is
-tested wherever it crosses a row line or a column line of samples strictly between the two cells; terrain there
-is interpolated linearly between the two neighbouring samples of that line; higher than the sight line (beyond
-1e-9) hides, touching does not. The target height is added at the tested cell alone; no curvature; the
+The definition (W. R. Franklin's R3): the straight line from the eye to the target point over a cell's centre
+is tested wherever it crosses a row line or a column line of samples strictly between the two cells; terrain
+there is interpolated linearly between the two neighbouring samples of that line; higher than the sight line
+(beyond 1e-9) hides, touching does not. The target height is added at the tested cell alone; no curvature; the
 observer's own cell is visible. The size of a cell cancels out: only heights have a unit, whichever.
+
+Others differ, as intersection over union of the visible cells (512², three observers each) shows:
+
+* GDAL (3.6 and 3.10, `ViewshedGenerate`, edge mode, no curvature): .95–.97 on fractal ground, .90–.94
+  stepped, .31–.66 on noise, .21–.62 among posts and cliffs, 1 on flat ground. It keeps one horizon a cell,
+  computed from those of two neighbours a ring nearer (Wang, Robinson and White 2000) and not from the ground
+  itself, so shadows blur and mostly widen as they are handed on.
+* GRASS (8.2, `r.viewshed`) and xarray-spatial (0.5), which is written after it and marks the very same cells:
+  .96–.97 fractal, .94–.96 stepped, .61–.84 noise, .78–.90 posts and cliffs, 1 flat. They sweep an angle
+  around the observer (Haverkort, Toma and Zhuang 2009); every cell whose middle is nearer hides what lies
+  behind it at an elevation angle interpolated between its middle and the two corners that bound it, each the
+  mean of four samples. Ground is thus neither linear between samples nor tested where sight lines cross it.
 """
 
 from __future__ import annotations

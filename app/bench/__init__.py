@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from app.bench.driving import mission_speed, tick
+from app.bench.line_of_sight import viewshed
 from app.bench.measure import Result
 from app.bench.planning import dwa_cycle
 from app.bench.sensing import lidar_turn, scan_to_patch, semantic_image
@@ -23,6 +24,7 @@ CASES: dict[str, Callable[[], Result]] = {
         tick,
         mission_speed,
         click_to_goal,
+        viewshed,
     )
 }
 
