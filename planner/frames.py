@@ -12,7 +12,7 @@ import numpy as np
 
 from scenes.catalogue import CoverKind
 from scenes.pose import Pose, Twist
-from scenes.scenario import ObstacleKind
+from scenes.scenario import Observer, ObstacleKind
 
 
 class Perception(StrEnum):
@@ -136,6 +136,7 @@ class Percept:
     obstacle_points : (m, 2) world points of mapped obstacle cells near the robot
     obstacle_distances : (72,) nearest mapped obstacle by bearing in the body frame, metres, inf where none
     known_observers, observer_eyes : ids, and world x, y, z of their eyes in the same order
+    observers : the known ones as documents; one that was spotted stands where it was last seen
     """
 
     time_s: float
@@ -153,6 +154,7 @@ class Percept:
     cover: tuple[CoverEstimate, ...] = ()
     known_observers: tuple[int, ...] = ()
     observer_eyes: tuple[tuple[float, float, float], ...] = ()
+    observers: tuple[Observer, ...] = ()
 
     @property
     def goal_distance(self) -> float:

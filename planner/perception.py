@@ -12,6 +12,7 @@ from planner.elevation_map import ElevationMap, MapConfig, elevation_patch
 from planner.frames import CoverEstimate, Detection, GridMap, Percept, Perception, TrackedObstacle
 from planner.ground_segmentation import Scan
 from planner.oracle import TrueMap, true_cover, true_obstacles
+from planner.spotting import Spotter
 from planner.tracking import ObstacleTracker, locate
 from scenes.pose import Pose, Twist
 from scenes.rays import BodyKind, RayScene
@@ -30,7 +31,8 @@ PIXEL_STRIDE = 2  # of the depth image, for the map
 
 class Perceiver:
     """The robot's senses. In `Perception.LIDAR` it knows what lidar, camera and odometry tell it over time;
-    in `Perception.ORACLE` it knows everything. Both give the same kind of `Percept`, which says which.
+    in `Perception.ORACLE` it knows everything, but for observers that it was not told of: those it has to
+    spot in both. Both give the same kind of `Percept`, which says which.
 
     `perception` may be switched at any time; what was sensed before is kept. It can be pickled, so that a
     mission can go on elsewhere from where it was.
@@ -52,6 +54,7 @@ class Perceiver:
         self._lidar, self._camera, self._odometry = Lidar(), SemanticCamera(), Odometry()
         self._map = ElevationMap(scenario.start.x, scenario.start.y, config)
         self._tracker, self._memory = ObstacleTracker(), CoverMemory()
+        self._spotter = Spotter()
         self._detections: tuple[Detection, ...] = ()
         self._tick = 0
         self._heightmap = scenario.terrain.heightmap()
@@ -69,6 +72,7 @@ class Perceiver:
     ) -> Percept:
         """What the robot knows at `time_s` when it truly stands at `pose` (of the base, in the world) and
         moves with `twist`. Call it once a tick, with walkers placed in `rays`."""
+        self._spotter.look(rays, self._heightmap, pose, self._scenario.observers, time_s)
         if self.perception is Perception.ORACLE:
             self.scan_points = np.zeros((0, 3), np.float32)
             moving = true_obstacles(self._scenario.obstacles, time_s)
@@ -126,12 +130,12 @@ class Perceiver:
     ) -> Percept:
         patch, unknown = elevation_patch(grid, pose)
         points = obstacle_points(grid)
-        known = [observer for observer in self._scenario.observers if observer.known]
+        known = self._spotter.known(self._scenario.observers)
         return Percept(
             time_s, self.perception, pose, twist, goal, grid, patch, unknown,
             nearest_points(points, pose), obstacle_distances(points, pose),
             moving, detections, cover, tuple(observer.id for observer in known),
-            tuple(self._eye(observer, time_s) for observer in known),
+            tuple(self._eye(observer, time_s) for observer in known), known,
         )
 
     def _eye(self, observer: Observer, time_s: float) -> tuple[float, float, float]:
