@@ -147,10 +147,10 @@ def test_an_observer_stands_in_the_way_like_anybody():
 
 @pytest.mark.parametrize("mode", Perception)
 def test_known_observers_come_with_their_eyes(mode):
-    watchers = [Observer(id=3, x=9.0, y=9.0, eye_height=2.0), Observer(id=4, x=-9.0, y=9.0, known=False)]
-    percept = Robot(scenario(observers=watchers), mode).look()
+    watcher = Observer(id=3, x=9.0, y=9.0, eye_height=2.0)
+    percept = Robot(scenario(observers=[watcher]), mode).look()
     assert percept.known_observers == (3,)
-    assert percept.observer_eyes == ((9.0, 9.0, 2.0),)
+    assert percept.observer_eyes == ((9.0, 9.0, 2.0),) and percept.observers == (watcher,)
 
 
 def test_the_camera_looks_every_fifth_tick_and_its_detections_stand_until_the_next():
