@@ -8,7 +8,7 @@ observer's own cell is visible. The size of a cell cancels out: only heights hav
 
 Others differ, as intersection over union of the visible cells (512², three observers each) shows:
 
-* GDAL (3.6 and 3.10, `ViewshedGenerate`, edge mode, no curvature): .95–.97 on fractal ground, .90–.94
+* GDAL (3.6, `ViewshedGenerate`, edge mode, no curvature): .95–.97 on fractal ground, .90–.94
   stepped, .31–.66 on noise, .21–.62 among posts and cliffs, 1 on flat ground. It keeps one horizon a cell,
   computed from those of two neighbours a ring nearer (Wang, Robinson and White 2000) and not from the ground
   itself, so shadows blur and mostly widen as they are handed on.
