@@ -13,12 +13,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import ndimage
 
 from planner.cost_map import CostConfig, CostMap, build, obstacle_distance, open_about
 from planner.covert_kernel import search, straighten
+from planner.dwa import DwaConfig
 from planner.elevation_map import MapConfig
 from planner.frames import GridMap
-from planner.hull_exposure import HullExposure, hull_exposure
+from planner.hull_exposure import HEADINGS, HullExposure, hull_exposure
 from planner.oracle import true_grid
 from planner.pace import Pace, course
 from planner.route_exposure import course_exposure
@@ -37,16 +39,25 @@ class CovertConfig:
     """exposed_second : seconds of hidden driving that a second in full view is worth at the weight 0.5
     time_share : least share of the time's own weight, so that among equally hidden ways the quick one wins
     points_per_second : points of the cost map (0..100) that make a second count twice
+    treacherous : cost of a metre on ground that the dynamic window will hardly take, whatever the weight
+    lean : share of the window's tilt limits from which ground is that
+    wheel_room : metres about what is too steep that are so, too
+    turning_room : metres from obstacles up to which ground is ever more so, for the robot hardly turns there
     cell : least size of the grid's cells in metres; span : cells of a way that one straight line may replace
     """
 
     exposed_second: float = 6.0
-    time_share: float = 0.01
-    points_per_second: float = 100.0
+    time_share: float = 0.03
+    points_per_second: float = 30.0
+    treacherous: float = 20.0
+    lean: float = 0.75
+    wheel_room: float = 0.45
+    turning_room: float = 0.9
     cell: float = 0.2
     span: int = 60
     pace: Pace = field(default_factory=Pace)
     cost: CostConfig = field(default_factory=CostConfig)
+    dwa: DwaConfig = field(default_factory=DwaConfig)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +148,24 @@ class CovertPlanner:
     def clearance(self) -> np.ndarray:
         """(rows, cols) metres to the nearest obstacle."""
         return obstacle_distance(self.grid)
+
+    @cached_property
+    def treacherous(self) -> np.ndarray:
+        """(4, rows, cols) from 0 to 1 by heading: drivable, but the dynamic window will hardly take it, for
+        there the robot would lean far, have a wheel near what is too steep, or no room to turn."""
+        dwa, resolution = self.config.dwa, self.costs.resolution
+        span = 2 * max(1, round(0.5 * HUSKY.wheelbase / resolution)) - 1
+        ground = self.grid.elevation.astype(float)
+        ground[np.isnan(ground)] = np.nanmean(ground) if not np.isnan(ground).all() else 0.0
+        north, east = np.gradient(ndimage.uniform_filter(ground, span, mode="nearest"), resolution)
+        cos, sin = (part(HEADINGS)[:, None, None] for part in (np.cos, np.sin))
+        along = (cos * east + sin * north) / math.tan(dwa.pitch_limit)
+        across = (cos * north - sin * east) / math.tan(dwa.roll_limit)
+        steep = self.costs.forbidden & (self.clearance >= self.config.cost.rim) & ~self.costs.unknown
+        near_steep = ndimage.distance_transform_edt(~steep, sampling=resolution) < self.config.wheel_room
+        bad = (np.hypot(along, across) > self.config.lean) | (near_steep & steep.any())
+        rim, room = self.config.cost.rim, self.config.turning_room
+        return np.maximum(bad, np.clip((room - self.clearance) / (room - rim), 0.0, 1.0) ** 2)
 
     # --- routes ----------------------------------------------------------------------------------
 
@@ -254,9 +283,13 @@ class CovertPlanner:
         """(4, rows, cols) cost a metre by heading."""
         points = np.minimum(np.sum(list(self.costs.layers.values()), axis=0), 100.0)
         time = max(1.0 - weight, self.config.time_share) * (1.0 + points / self.config.points_per_second)
-        if weight == 0.0:
-            return np.repeat((time * seconds)[None], 4, axis=0)
-        return seconds * (time + weight * self.config.exposed_second * self.exposure.fraction)
+        forbidden = np.isinf(seconds)
+        pace = np.where(forbidden, 0.0, seconds)
+        cost = time * pace + self.config.treacherous * self.treacherous
+        if weight > 0.0:
+            cost += weight * self.config.exposed_second * pace * self.exposure.fraction
+        cost[:, forbidden] = np.inf
+        return cost
 
     def _clearance_at(self, positions: np.ndarray) -> np.ndarray:
         cells = np.rint((positions[:, ::-1] - (self.costs.y_min, self.costs.x_min)) / self.costs.resolution)

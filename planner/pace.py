@@ -28,9 +28,9 @@ class Pace:
     """
 
     cruise: float = 0.95
-    slow: float = 0.35
-    narrow: float = 0.475
-    wide: float = 0.8
+    slow: float = 0.2
+    narrow: float = 0.5
+    wide: float = 1.0
     deceleration: float = 0.5
     slowest: float = 0.25
     arrived: float = 0.25

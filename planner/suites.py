@@ -23,6 +23,8 @@ from scenes.scenario import Family, Scenario, ScenarioError
 
 LEAST_SEEN = 0.25
 MOST_LEFT = 0.6
+LONGEST_SHORTEST = 1.5
+"""How many times as long as the straight line the shortest way may be, for twice that to fit the time."""
 
 ATTEMPTS, TRIES = 40, 2
 SURELY = 0.1  # by how much the guess at a group of watchers must do better
@@ -121,7 +123,8 @@ def _judge(scenario: Scenario, rays: RayScene) -> SuiteMission | None:
     planner = _planner(scenario, rays)
     shortest, hidden = planner.route(start, goal, 0.0, yaw), planner.bound(start, goal, yaw=yaw)
     if (
-        shortest.exposure_fraction < LEAST_SEEN
+        shortest.length_m > LONGEST_SHORTEST * math.dist(start, goal)
+        or shortest.exposure_fraction < LEAST_SEEN
         or hidden.exposed_s > MOST_LEFT * shortest.exposed_s
         or hidden.length_m > LONGEST * shortest.length_m
     ):
