@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from embreex.rtcore_scene import EmbreeScene
+from numba import njit
 
 from scenes.embree import Part, build_tree
 
@@ -21,56 +20,74 @@ FAN = 50
 _STEP = 1e-4  # how far behind a surface, relative to the distance and in metres, a sight line goes on
 
 
-@dataclass(frozen=True, eq=False)
-class _SheerThing:
-    """A thing that lets light through, in an upright cylinder about it."""
+class _SheerThings:
+    """Things that let light through, each in a tree of its own and in an upright cylinder about it."""
 
-    tree: EmbreeScene
-    x: float
-    y: float
-    radius: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, part: Part) -> _SheerThing:
-        vertices = np.asarray(part[0], float)
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        x, y, _ = 0.5 * (low + high)
-        radius = np.hypot(vertices[:, 0] - x, vertices[:, 1] - y).max()
+    def __init__(self, parts: Sequence[Part]):
+        self.trees = [build_tree([part], robust=True) for part in parts]
+        low, high = (np.array([end(vertices, axis=0) for vertices, _ in parts]) for end in (np.min, np.max))
+        self._x, self._y, _ = (0.5 * (low + high)).T
         slack = 1e-3  # the trees are in single precision
-        return cls(
-            build_tree([part], robust=True),
-            x, y, float(radius) + slack, float(low[2]) - slack, float(high[2]) + slack,
-        )  # fmt: skip
-
-    def bearings(self, eye: np.ndarray, bearing: np.ndarray) -> list[tuple[int, int]]:
-        """Ranges of the ascending bearings (n,) in -pi to pi that lead from the eye to the cylinder."""
-        east, north = self.x - eye[0], self.y - eye[1]
-        away = float(np.hypot(east, north))
-        if away <= self.radius:
-            return [(0, len(bearing))]
-        middle, half = math.atan2(north, east), math.asin(self.radius / away) + 1e-6
-        turns = [(middle - half, middle + half)]
-        if middle - half <= -math.pi:
-            turns.append((middle - half + 2.0 * math.pi, math.inf))
-        if middle + half >= math.pi:
-            turns.append((-math.inf, middle + half - 2.0 * math.pi))
-        return [(int(begin), int(end)) for begin, end in np.searchsorted(bearing, turns)]
+        self._radius = slack + np.array(
+            [
+                np.hypot(vertices[:, 0] - x, vertices[:, 1] - y).max()
+                for (vertices, _), x, y in zip(parts, self._x, self._y, strict=True)
+            ]
+        )
+        self._low, self._high = low[:, 2] - slack, high[:, 2] + slack
 
     def towards(
-        self, eye: np.ndarray, level: np.ndarray, rise: np.ndarray, length: np.ndarray
-    ) -> np.ndarray:
-        """Which of the rays in the bearings above reach the cylinder at its height; `level` and `rise` are
-        the lengths of the direction's parts along the ground and up."""
-        away = float(np.hypot(self.x - eye[0], self.y - eye[1]))
-        near, far = max(away - self.radius, 0.0), away + self.radius
-        low, high = self.low - eye[2], self.high - eye[2]
-        reaches = level * length >= near
-        # between `near` and `far` a straight ray is within [low, high] somewhere
-        over = np.minimum(rise * near, rise * far) > high * level
-        under = np.maximum(rise * near, rise * far) < low * level
-        return np.flatnonzero(reaches & ~over & ~under)
+        self, eye: np.ndarray, bearing: np.ndarray, level: np.ndarray, rise: np.ndarray, length: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Which of a fan's rays may meet each thing: their indices, thing after thing, and where those of
+        each begin (things + 1,).
+
+        bearing : (n,) ascending, from -pi to pi; level, rise : (n,) lengths of the direction's parts along
+        the ground and up; length : (n,) of the rays
+        """
+        east, north = self._x - eye[0], self._y - eye[1]
+        away = np.hypot(east, north)
+        inside = away <= self._radius
+        half = np.arcsin(np.minimum(self._radius / np.where(inside, self._radius, away), 1.0)) + 1e-6
+        middle = np.arctan2(north, east)
+        from_, to = middle - half, middle + half
+        over_west, over_east = from_ <= -np.pi, to >= np.pi  # the rest of it begins or ends at the other side
+        turns = np.empty((len(away), 2, 2))
+        turns[:, 0] = np.column_stack([from_, to])
+        turns[:, 1] = np.nan
+        turns[over_west, 1] = np.column_stack([from_ + 2.0 * np.pi, np.full(len(away), np.inf)])[over_west]
+        turns[over_east, 1] = np.column_stack([np.full(len(away), -np.inf), to - 2.0 * np.pi])[over_east]
+        turns[inside] = [[-np.inf, np.inf], [np.nan, np.nan]]
+        ranges = np.searchsorted(bearing, turns)
+        near, far = np.maximum(away - self._radius, 0.0), away + self._radius
+        low, high = self._low - eye[2], self._high - eye[2]
+        return _towards(ranges, near, far, low, high, level, rise, length)
+
+
+@njit(cache=True)
+def _towards(ranges, near, far, low, high, level, rise, length):
+    """The rays of the ranges (things, 2, 2) that get as far as `near` and lie somewhere between the heights
+    `low` and `high` above the eye on the way from there to `far`."""
+    begins = np.zeros(len(near) + 1, np.int64)
+    found = np.empty(0, np.int64)
+    for filling in (False, True):
+        if filling:
+            found = np.empty(begins[-1], np.int64)
+        count = 0
+        for thing in range(len(near)):
+            for turn in range(2):
+                for ray in range(ranges[thing, turn, 0], ranges[thing, turn, 1]):
+                    first, last = rise[ray] * near[thing], rise[ray] * far[thing]
+                    if (
+                        level[ray] * length[ray] >= near[thing]
+                        and min(first, last) <= high[thing] * level[ray]
+                        and max(first, last) >= low[thing] * level[ray]
+                    ):
+                        if filling:
+                            found[count] = ray
+                        count += 1
+            begins[thing + 1] = count
+    return found, begins
 
 
 class SightTrees:
@@ -98,11 +115,11 @@ class SightTrees:
         directions, length = directions[rays], length[rays]
         fan = origins.ndim == 1
         origins = origins if fan else origins[rays]
-        blocked = _occluded(self._solid, origins, directions, length)
+        blocked = _occluded(self._solid, *_inner(origins, directions, length))
         light[rays[blocked]] = 0.0
         clear = ~blocked
         rays, directions, length = rays[clear], directions[clear], length[clear]
-        if fan and len(rays) > FAN * len(self._sheer):
+        if fan and len(rays) > FAN * len(self._sheer) > 0:
             light[rays] = self._through_fan(origins, directions, length)
         else:
             starts = np.broadcast_to(origins, directions.shape) if fan else origins[clear]
@@ -115,23 +132,23 @@ class SightTrees:
         towards it alone."""
         bearing = np.arctan2(directions[:, 1], directions[:, 0])
         order = np.argsort(bearing)
-        bearing, directions, length = bearing[order], directions[order], length[order]
+        directions, length = directions[order], length[order]
         level = np.hypot(directions[:, 0], directions[:, 1])
+        things = self._sheer_things
+        rays, begins = things.towards(eye, bearing[order], level, directions[:, 2], length)
+        lines = _inner(eye, directions, length)
         light = np.ones(len(order), np.float32)
-        for thing, through in zip(self._sheer_things, self._through, strict=True):
-            for begin, end in thing.bearings(eye, bearing):
-                part = slice(begin, end)
-                towards = begin + thing.towards(eye, level[part], directions[part, 2], length[part])
-                if len(towards):
-                    hit = _occluded(thing.tree, eye, directions[towards], length[towards])
-                    light[towards[hit]] *= through
+        for index in np.flatnonzero(np.diff(begins)).tolist():
+            towards = rays[begins[index] : begins[index + 1]]
+            hit = _occluded(things.trees[index], *(part[towards] for part in lines))
+            light[towards[hit]] *= self._through[index]
         answer = np.empty_like(light)
         answer[order] = light
         return answer
 
     @cached_property
-    def _sheer_things(self) -> tuple[_SheerThing, ...]:
-        return tuple(_SheerThing.of(part) for part in self._sheer)
+    def _sheer_things(self) -> _SheerThings:
+        return _SheerThings(self._sheer)
 
     def crossings(
         self, origin: np.ndarray, direction: np.ndarray, length: float
@@ -178,14 +195,16 @@ class SightTrees:
         return ray, part, np.concatenate(distances)[first]
 
 
+def _inner(
+    origins: np.ndarray, directions: np.ndarray, length: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rays without their margins, as Embree takes them: starts and directions (n, 3), lengths (n,)."""
+    starts = (origins + SIGHT_MARGIN * directions).astype(np.float32)
+    return starts, directions.astype(np.float32), (length - 2.0 * SIGHT_MARGIN).astype(np.float32)
+
+
 def _occluded(
-    tree: EmbreeScene, origins: np.ndarray, directions: np.ndarray, length: np.ndarray
+    tree: EmbreeScene, starts: np.ndarray, directions: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
-    """(n,) bool: whether anything in the tree lies on the ray, margins aside; origins (n, 3) or (3,)."""
-    answer = tree.run(
-        (origins + SIGHT_MARGIN * directions).astype(np.float32),
-        directions.astype(np.float32),
-        dists=(length - 2.0 * SIGHT_MARGIN).astype(np.float32),
-        query="OCCLUDED",
-    )
-    return answer >= 0
+    """(n,) bool: whether anything in the tree lies on each ray."""
+    return tree.run(starts, directions, dists=reach, query="OCCLUDED") >= 0

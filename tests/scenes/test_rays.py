@@ -235,3 +235,25 @@ def test_a_map_with_rows_and_columns_at_the_limit_is_built() -> None:
     heightmap = Heightmap(np.zeros((1024, 8)), 10.0, zeros, zeros)
     hits = RayScene(heightmap).cast(np.array([0.0, 5100.0, 5.0]), DOWN[None], 10.0)
     assert hits.distance[0] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    "eye", [(0.0, 0.0, 1.7), (3.0, 1.0, 0.8), (4.0, -4.0, 9.0), (-9.9, 9.9, 1.0), (3.5, 4.0, 0.3)]
+)
+def test_a_fan_of_lines_from_one_eye_means_the_same_as_lines_one_by_one(eye) -> None:
+    """In front of, inside, above and beside things that let light through, on both sides of due west."""
+    sheer = [
+        thing("bush", 3, 1, height=2.0, length=3.0, width=3.0),
+        thing("tree", -4, 0, id=2),
+        thing("tree", -5, 0, id=3, height=9.0),
+        thing("fence", 3, -3, id=4, length=7.0, yaw=30.0),
+        thing("rock", -3, 5, id=5),
+    ]
+    scene = RayScene(rough(7), sheer)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 61), np.linspace(-10, 10, 61)))
+    targets = np.column_stack([x, y, scene.heightmap.height_at(x, y) + 0.4])
+    start = np.array(eye)
+    start[2] += scene.heightmap.height_at(*eye[:2])
+    fan, single = scene.visible(start, targets), scene.visible(np.tile(start, (len(targets), 1)), targets)
+    assert np.count_nonzero(fan != single) <= 3  # single-precision lines that graze an edge
+    assert len(np.unique(np.round(fan, 4))) >= 3
