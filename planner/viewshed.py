@@ -12,11 +12,12 @@ Others differ, as intersection over union of the visible cells (512², three obs
   stepped, .31–.66 on noise, .21–.62 among posts and cliffs, 1 on flat ground. It keeps one horizon a cell,
   computed from those of two neighbours a ring nearer (Wang, Robinson and White 2000) and not from the ground
   itself, so shadows blur and mostly widen as they are handed on.
-* GRASS (8.2, `r.viewshed`) and xarray-spatial (0.5), which is written after it and marks the very same cells:
-  .96–.97 fractal, .94–.96 stepped, .61–.84 noise, .78–.90 posts and cliffs, 1 flat. They sweep an angle
-  around the observer (Haverkort, Toma and Zhuang 2009); every cell whose middle is nearer hides what lies
-  behind it at an elevation angle interpolated between its middle and the two corners that bound it, each the
-  mean of four samples. Ground is thus neither linear between samples nor tested where sight lines cross it.
+* GRASS (8.2, `r.viewshed`) and xarray-spatial (0.5), which is written after it and marked the same cells but
+  for one in 4.7 million: .96–.97 fractal, .94–.96 stepped, .61–.84 noise, .78–.90 posts and cliffs, 1 flat.
+  They sweep an angle around the observer (Haverkort, Toma and Zhuang 2009); every cell whose middle is nearer
+  hides what lies behind it at an elevation angle interpolated between its middle and the two corners that
+  bound it, each the mean of four samples. Ground is thus neither linear between samples nor tested where
+  sight lines cross it. With small random bumps on the fractal ground GDAL comes to .93–.96, these to .94–.95.
 """
 
 from __future__ import annotations
