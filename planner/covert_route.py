@@ -21,6 +21,7 @@ from planner.dwa import DwaConfig
 from planner.elevation_map import MapConfig
 from planner.frames import GridMap
 from planner.hull_exposure import HEADINGS, HullExposure, hull_exposure
+from planner.no_route import NoRoute, no_route
 from planner.oracle import true_grid
 from planner.pace import Pace, course
 from planner.route_exposure import course_exposure
@@ -84,14 +85,6 @@ class CovertRoute:
     def exposure_fraction(self) -> float:
         """Exposed share of the drive."""
         return self.exposed_s / self.duration_s if self.duration_s > 0.0 else 0.0
-
-
-class NoRoute(ValueError):
-    """There is no way; the message says why, `where` is the world point that it is about."""
-
-    def __init__(self, reason: str, where: tuple[float, float]):
-        super().__init__(reason)
-        self.reason, self.where = reason, where
 
 
 class CovertPlanner:
@@ -189,7 +182,8 @@ class CovertPlanner:
         cost = self._cost(seconds, weight)
         parent, best = search(cost, self.costs.resolution, begin, end)
         if not math.isfinite(best[end]):
-            raise self._no_route(seconds, start, goal)
+            free = np.isfinite(seconds)
+            raise no_route(self.costs, self.grid, self.heightmap, self.cover, free, begin, end)
         cells = [end]
         while cells[-1] != begin:
             cells.append(int(parent[cells[-1]]))
@@ -295,9 +289,6 @@ class CovertPlanner:
         cells = np.rint((positions[:, ::-1] - (self.costs.y_min, self.costs.x_min)) / self.costs.resolution)
         row, col = np.clip(cells.astype(int), 0, np.array(self.grid.shape) - 1).T
         return self.clearance[row, col]
-
-    def _no_route(self, seconds: np.ndarray, start, goal) -> NoRoute:
-        return NoRoute("every way to the goal is blocked", goal)
 
 
 def _exposure(route: CovertRoute) -> tuple[float, float]:

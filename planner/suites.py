@@ -15,7 +15,8 @@ from itertools import islice
 
 import numpy as np
 
-from planner.covert_route import LONGEST, CovertPlanner, CovertRoute, NoRoute
+from planner.covert_route import LONGEST, CovertPlanner, CovertRoute
+from planner.no_route import NoRoute
 from planner.posting import watching_groups
 from scenes.families import generate
 from scenes.rays import RayScene

@@ -11,10 +11,11 @@ import numpy as np
 
 from planner.cost_map import CostConfig, ground_near
 from planner.cover import best_cover
-from planner.covert_route import BALANCED, CovertPlanner, CovertRoute, NoRoute
+from planner.covert_route import BALANCED, CovertPlanner, CovertRoute
 from planner.driver import Driver, DriverConfig
 from planner.frames import Decision, Percept, Status
 from planner.methods.dwa import GROUND_REACH
+from planner.no_route import NoRoute
 from scenes.pose import Twist
 from scenes.rays import RayScene
 from scenes.scenario import Scenario
