@@ -42,14 +42,8 @@ class Spotter:
             self._spotted.clear()
             return
         places = [observer.pose_at(time_s) for observer in hidden]
-        mounts = [pose.compose(mount).position for mount in (HUSKY.lidar_mount, HUSKY.camera_mount)]
-        targets = np.array([_figure(heightmap, *place) for place in zip(hidden, places, strict=True)])
-        eyes = np.broadcast_to(np.array(mounts)[:, None, None], (2, *targets.shape)).reshape(-1, 3)
-        ends = np.broadcast_to(targets, (2, *targets.shape)).reshape(-1, 3)
-        near = np.flatnonzero(np.linalg.norm(ends - eyes, axis=1) <= self.reach)
-        seen = np.zeros(len(ends), bool)
-        seen[near] = rays.visible(eyes[near], ends[near]) >= SEEN
-        spotted = np.any(seen.reshape(2, len(hidden), 2), axis=(0, 2)).tolist()
+        eyes = np.array([observer.eye_height for observer in hidden])
+        spotted = in_sight(rays, heightmap, pose, np.array(places)[:, :2], eyes, self.reach).tolist()
         still_there = {observer.id for observer in hidden}
         self._spotted = {key: value for key, value in self._spotted.items() if key in still_there}
         for observer, (x, y, yaw), now in zip(hidden, places, spotted, strict=True):
@@ -66,10 +60,23 @@ class Spotter:
         )
 
 
-def _figure(
-    heightmap: Heightmap, observer: Observer, place: tuple[float, float, float]
-) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """The eye, and the middle of the figure."""
-    x, y, _ = place
-    ground = float(heightmap.height_at(x, y))
-    return (x, y, ground + observer.eye_height), (x, y, ground + _FIGURE_MIDDLE)
+def in_sight(
+    rays: RayScene,
+    heightmap: Heightmap,
+    pose: Pose,
+    places: np.ndarray,
+    eye_heights: np.ndarray,
+    reach: float = SPOTTING_RANGE,
+) -> np.ndarray:
+    """(n,) bool: whether a robot at `pose` (of the base, in the world) would spot somebody at places (n, 2)
+    with eyes (n,) metres above the ground."""
+    ground = heightmap.height_at(places[:, 0], places[:, 1])
+    heights = np.concatenate([ground + eye_heights, ground + _FIGURE_MIDDLE])
+    targets = np.column_stack([np.tile(places, (2, 1)), heights])
+    seen = np.zeros(len(targets), bool)
+    for mount in (HUSKY.lidar_mount, HUSKY.camera_mount):
+        sensor = pose.compose(mount).position
+        near = np.flatnonzero(~seen & (np.linalg.norm(targets - sensor, axis=1) <= reach))
+        seen[near] = rays.visible(np.broadcast_to(sensor, (len(near), 3)), targets[near]) >= SEEN
+    eye, figure = seen.reshape(2, -1)
+    return eye | figure

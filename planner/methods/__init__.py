@@ -10,6 +10,7 @@ from planner.frames import Decision, Percept
 from planner.methods.dwa import PlainDwa
 from planner.methods.least_cost import LeastCost
 from planner.methods.route import FollowRoute, balanced, most_hidden, shortest
+from planner.methods.wary import Wary
 from scenes.rays import RayScene
 from scenes.scenario import Scenario
 
@@ -65,6 +66,14 @@ METHODS: Mapping[str, MethodEntry] = {
     "route_shortest": MethodEntry(
         lambda seed: FollowRoute("route_shortest", shortest),
         "Follows the shortest drivable route with everything known.",
+    ),
+    "route_known": MethodEntry(
+        lambda seed: Wary("route_known"),
+        "Follows the most hidden route from the observers it knows; takes another when it spots one.",
+    ),
+    "route_wary": MethodEntry(
+        lambda seed: Wary("route_wary", seed, believes=True),
+        "As route_known, and keeps out of view of where observers not yet seen may stand.",
     ),
 }
 DEFAULT_METHOD = "least_cost"
