@@ -68,7 +68,8 @@ class CovertRoute:
     points : (k, 2) world corners, start and goal among them
     exposed_s : united visible fraction integrated over the drive
     cost : what the search minimised, in seconds
-    waits : (place, seconds) where it stands still in cover: ((x, y), from, until) since the start
+    waits : where it stands still in cover, and from when until when: ((x, y), s, s) since the start
+    times : (k,) seconds since the start at which the points are to be reached, where the time matters
     """
 
     points: np.ndarray
@@ -80,6 +81,7 @@ class CovertRoute:
     cost: float
     weight: float
     waits: tuple[tuple[tuple[float, float], float, float], ...] = ()
+    times: np.ndarray | None = None
 
     @property
     def exposure_fraction(self) -> float:
@@ -236,10 +238,12 @@ class CovertPlanner:
         weight: float = math.nan,
         cost: float = math.nan,
         yaw: float | None = None,
+        begun_s: float = 0.0,
     ) -> CovertRoute:
-        """A way given by its corners (k, 2), with the figures of a drive along it."""
+        """A way given by its corners (k, 2), with the figures of a drive along it that begins at `begun_s` of
+        the patrols' clock."""
         drive = course(points, self.config.pace, self._clearance_at, yaw)
-        seen = course_exposure(self.rays, self.heightmap, self.observers, drive)
+        seen = course_exposure(self.rays, self.heightmap, self.observers, drive, begun_s=begun_s)
         return CovertRoute(
             points,
             float(np.hypot(*np.diff(points, axis=0).T).sum()),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,15 +36,16 @@ def course_exposure(
     observers: Sequence[Observer],
     course: Course,
     model: DetectionModel | None = None,
+    begun_s: float = 0.0,
 ) -> CourseExposure:
-    """The exposure of a drive that begins at time 0: the hull as it stands on the ground at each place, seen
-    by the observers where they are by then."""
+    """The exposure of a drive that begins at `begun_s` of the patrols' clock: the hull as it stands on the
+    ground at each place, seen by the observers where they are by then."""
     model = model or DetectionModel()
     hull, middles = _hulls(heightmap, course)
     light = np.zeros((len(observers), *hull.shape[:2]))
     hazard = np.zeros(len(middles))
     for row, observer in zip(light, observers, strict=True):
-        for places, view in _views(observer, heightmap, course):
+        for places, view in _views(observer, heightmap, course, begun_s):
             row[places] = _light(rays, view, hull[places])
             distance = np.linalg.norm(middles[places] - view.eye, axis=1)
             hazard[places] += model.hazard(row[places].mean(axis=1), distance)
@@ -69,13 +70,15 @@ def _hulls(heightmap: Heightmap, course: Course) -> tuple[np.ndarray, np.ndarray
     return hull, middles + np.array([0.0, 0.0, 0.5 * HUSKY.height])
 
 
-def _views(observer: Observer, heightmap: Heightmap, course: Course):
+def _views(
+    observer: Observer, heightmap: Heightmap, course: Course, begun_s: float
+) -> Iterator[tuple[slice, View]]:
     """(places, view) for all places of the course: one for them all unless the observer walks."""
     if observer.patrol is None:
         yield slice(None), views_at([observer], heightmap, 0.0)[0]
         return
     for index, time_s in enumerate(course.times):
-        yield slice(index, index + 1), views_at([observer], heightmap, float(time_s))[0]
+        yield slice(index, index + 1), views_at([observer], heightmap, begun_s + float(time_s))[0]
 
 
 def _light(rays: RayScene, view: View, hull: np.ndarray) -> np.ndarray:

@@ -13,27 +13,45 @@ from planner.cost_map import CostConfig, ground_near
 from planner.cover import best_cover
 from planner.covert_route import BALANCED, CovertPlanner, CovertRoute
 from planner.driver import Driver, DriverConfig
+from planner.exposure import common_cycle
 from planner.frames import Decision, Percept, Status
 from planner.methods.dwa import GROUND_REACH
 from planner.no_route import NoRoute
+from planner.space_time import SpaceTimePlanner
 from scenes.pose import Twist
 from scenes.rays import RayScene
 from scenes.scenario import Scenario
 
-Choice = Callable[[CovertPlanner, tuple[float, float], tuple[float, float], float], CovertRoute]
-"""From planner, start, goal and yaw to the route to follow."""
+MOST_HIDDEN_IN_TIME = 0.95
+"""Exposure weight of plans against the clock: hidden seconds count, too, or it would wait for ever."""
+
+Choice = Callable[[CovertPlanner, Percept], CovertRoute]
+"""From the planner and where the robot is to the route to follow."""
 
 
-def shortest(planner: CovertPlanner, start, goal, yaw: float) -> CovertRoute:
-    return planner.route(start, goal, 0.0, yaw)
+def shortest(planner: CovertPlanner, percept: Percept) -> CovertRoute:
+    return planner.route(*_ends(percept), 0.0, percept.pose.yaw)
 
 
-def balanced(planner: CovertPlanner, start, goal, yaw: float) -> CovertRoute:
-    return planner.route(start, goal, BALANCED, yaw)
+def balanced(planner: CovertPlanner, percept: Percept) -> CovertRoute:
+    """By the patrols' mean exposure, where there are any."""
+    return planner.route(*_ends(percept), BALANCED, percept.pose.yaw)
 
 
-def most_hidden(planner: CovertPlanner, start, goal, yaw: float) -> CovertRoute:
-    return planner.bound(start, goal, yaw=yaw)
+def most_hidden(planner: CovertPlanner, percept: Percept) -> CovertRoute:
+    """Against the clock where an observer walks, of at most twice the shortest's length where none does."""
+    yaw, now = percept.pose.yaw, percept.time_s
+    if not common_cycle(planner.observers):
+        return planner.bound(*_ends(percept), yaw=yaw)
+    timed = SpaceTimePlanner(planner, now).route(*_ends(percept), MOST_HIDDEN_IN_TIME)
+    # Its cells are coarse: where there is no cover to wait in, a straight way at once may be seen less.
+    ways = [planner.route(*_ends(percept), weight, yaw) for weight in (0.0, BALANCED)]
+    static = [planner.along(way.points, weight=way.weight, yaw=yaw, begun_s=now) for way in ways]
+    return min(timed, *static, key=lambda way: way.exposed_s)
+
+
+def _ends(percept: Percept) -> tuple[tuple[float, float], tuple[float, float]]:
+    return (percept.pose.x, percept.pose.y), percept.goal
 
 
 @dataclass(frozen=True)
@@ -43,12 +61,15 @@ class FollowConfig:
     look_ahead, nearest_waypoint : how far along the route the waypoint lies at most and at least
     corner : how far the straight line to the waypoint may stray from the route
     lost : farther from its route the robot plans a new one
+    late : so many seconds behind a plan against the clock, too; early : it may be so many ahead of it
     """
 
     look_ahead: float = 1.4
     nearest_waypoint: float = 0.5
     corner: float = 0.12
     lost: float = 1.2
+    late: float = 4.0
+    early: float = 1.2
     spacing: float = 0.1
     cost: CostConfig = field(default_factory=CostConfig)
     driver: DriverConfig = field(default_factory=DriverConfig)
@@ -75,7 +96,7 @@ class FollowRoute:
     def reset(self) -> None:
         self._driver.reset()
         self._places = np.zeros((0, 2))
-        self._corners = np.zeros((0, 2))
+        self._due: np.ndarray | None = None
         self._at = 0
 
     def __getstate__(self) -> dict[str, Any]:
@@ -86,7 +107,10 @@ class FollowRoute:
             self._keep_route(percept)
         except NoRoute as reason:
             return Decision(Twist(), note=f"no route: {reason}", failure=Status.UNREACHABLE)
-        rest = self._places[self._at :]
+        rest = self._places[self._at : self._until(percept.time_s)]
+        if len(rest) < 2 and self._due is not None and math.dist(rest[0], percept.goal) > 0.1:
+            waits = f"waiting in cover, {self._due[self._at + 1] - percept.time_s:.0f} s left"
+            return Decision(Twist(), percept.goal, self._places[self._at :], note=waits)
         waypoint = self._waypoint(percept, rest)
         ground = ground_near(percept.grid, percept.pose.x, percept.pose.y, GROUND_REACH, self.config.cost)
         driven = self._driver.drive(percept, waypoint, ground)
@@ -103,13 +127,25 @@ class FollowRoute:
             ahead = self._places[self._at : self._at + round(3.0 / self.config.spacing)]
             distance = np.hypot(*(ahead - here).T)
             nearest = int(np.argmin(distance))
-            if distance[nearest] <= self.config.lost:
+            if distance[nearest] <= self.config.lost and not self._late(percept.time_s):
                 self._at += nearest
                 return
         if self._planner is None:
             raise RuntimeError("the method must be briefed with the scenario before it decides")
-        route = self._choose(self._planner, (percept.pose.x, percept.pose.y), percept.goal, percept.pose.yaw)
-        self._places, self._at = _evenly(route.points, self.config.spacing), 0
+        route = self._choose(self._planner, percept)
+        self._places, due = _evenly(route.points, self.config.spacing, route.times)
+        self._due = None if due is None else percept.time_s + due
+        self._at = 0
+
+    def _late(self, time_s: float) -> bool:
+        return self._due is not None and time_s - self._due[self._at] > self.config.late
+
+    def _until(self, time_s: float) -> int | None:
+        """Index of the first place that it is too early to head for, None where there is none."""
+        if self._due is None:
+            return None
+        ahead = np.flatnonzero(self._due[self._at + 1 :] > time_s + self.config.early)
+        return self._at + 1 + int(ahead[0]) if len(ahead) else None
 
     def _waypoint(self, percept: Percept, rest: np.ndarray) -> tuple[float, float]:
         """The farthest place in reach to which the straight line keeps near the route."""
@@ -133,8 +169,16 @@ def _stray(begin: np.ndarray, end: np.ndarray, places: np.ndarray) -> float:
     return float(np.abs(along[0] * offset[1:, 1] - along[1] * offset[1:, 0]).max(initial=0.0) / length)
 
 
-def _evenly(points: np.ndarray, spacing: float) -> np.ndarray:
-    """Places (n, 2) along a polyline (k, 2), both ends among them."""
+def _evenly(
+    points: np.ndarray, spacing: float, times: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Places (n, 2) along a polyline (k, 2), both ends among them, and when they are due (n,): where the
+    polyline waits, its place is due when it may be left."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     at = np.linspace(0.0, along[-1], max(2, math.ceil(along[-1] / spacing) + 1))
-    return np.column_stack([np.interp(at, along, points[:, axis]) for axis in (0, 1)])
+    places = np.column_stack([np.interp(at, along, points[:, axis]) for axis in (0, 1)])
+    if times is None:
+        return places, None
+    # Of points at one place the last one counts.
+    last = np.append(np.diff(along) > 1e-9, True)
+    return places, np.interp(at, along[last], times[last])
