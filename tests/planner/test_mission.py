@@ -9,56 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from field import field, thing, ticks
 
 from planner.frames import Perception, Status
 from planner.mission import Mission
 from scenes.scenario import (
-    CoverObject,
-    GeneratedSource,
     MovingObstacle,
     Observer,
     Patrol,
     Point,
-    Scenario,
-    Start,
-    Terrain,
 )
-
-
-def field(goal=(5.0, 0.0), cover=(), obstacles=(), observers=(), heights=None) -> Scenario:
-    """A meadow of 24 m, flat unless told; the robot starts in its middle and looks east."""
-    cells = 97
-    terrain = Terrain(
-        resolution=0.25,
-        heights=np.zeros((cells, cells)) if heights is None else heights,
-        surface=("g" * cells,) * cells,
-        source=GeneratedSource(family="normal", seed=0),
-    )
-    return Scenario(
-        version=1, name="field", terrain=terrain, start=Start(x=0.0, y=0.0), goal=Point(x=goal[0], y=goal[1]),
-        cover=cover, obstacles=obstacles, observers=observers,
-    )  # fmt: skip
-
-
-def thing(identifier=1, kind="rock", **fields) -> CoverObject:
-    return CoverObject.model_validate({"id": identifier, "kind": kind} | fields)
-
-
-@pytest.fixture
-def mission():
-    made = []
-
-    def make(*arguments, **keywords) -> Mission:
-        made.append(Mission(*arguments, **keywords))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
-
-
-def ticks(mission: Mission, count: int):
-    return [mission.tick() for _ in range(count)]
 
 
 def fingerprint(mission: Mission) -> str:
