@@ -23,7 +23,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Lifespan
 
 from app import telemetry, viewer_proxy
-from app.api import docs, errors, exposure, mission, runs, scenarios, things
+from app.api import docs, errors, exposure, mission, route, runs, scenarios, things
 from app.api.bodies import BodyLimit
 from app.changes import COLLECTIONS
 from app.connections import HEAD_LIMIT_BYTES, PromptHttp, PromptWebSocket
@@ -66,7 +66,9 @@ def create_app(
     app.include_router(scenarios.router(studio))
     for kind in COLLECTIONS:
         app.include_router(things.router(studio, kind))
-    app.include_router(exposure.router(exposures or ExposureService(studio)))
+    exposures = exposures or ExposureService(studio)
+    app.include_router(exposure.router(exposures))
+    app.include_router(route.router(exposures))
     app.include_router(runs.router(studio.store))
     _add_stream(app, studio)
     _add_pages(app)
