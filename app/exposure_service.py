@@ -28,6 +28,12 @@ from scenes.terrain import Heightmap
 
 Answer = TypeVar("Answer")
 
+SAMPLES, LEAST_SAMPLES = 24, 4
+"""Times at which the patrols' cycle is looked at."""
+
+FULLY_SAMPLED = 8
+"""Patrols up to which all of these times are taken; with more of them fewer, so that nobody waits long."""
+
 
 @dataclass(frozen=True)
 class Moment:
@@ -98,7 +104,9 @@ class ExposureService:
     def _compute(self, moment: Moment, stride: int, averaged: bool) -> ExposureField:
         rays = self._scene(moment)
         if averaged:
-            return time_averaged(rays, moment.heightmap, moment.observers, stride=stride)
+            walking = sum(observer.patrol is not None for observer in moment.observers)
+            samples = max(LEAST_SAMPLES, min(SAMPLES, SAMPLES * FULLY_SAMPLED // max(walking, 1)))
+            return time_averaged(rays, moment.heightmap, moment.observers, samples=samples, stride=stride)
         views = views_at(moment.observers, moment.heightmap, moment.time_s)
         return exposure_field(rays, moment.heightmap, views, stride=stride)
 

@@ -146,20 +146,16 @@ def time_averaged(
     total = np.zeros((len(observers), len(points)))
     joint = np.zeros(len(points))
     standing: dict[int, np.ndarray] = {}
-    for time_s in times:
-        best = np.zeros(len(points), np.float32)
-        for row, (observer, view) in enumerate(
-            zip(observers, views_at(observers, heightmap, time_s), strict=True)
-        ):
-            if row in standing:
-                now = standing[row]
-            else:
-                now = _seen_by(rays, view, points)
-                if not beat_period(observer):
-                    standing[row] = now
-            total[row] += now
-            np.maximum(best, now, out=best)
-        joint += best
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for time_s in times:
+            views = views_at(observers, heightmap, float(time_s))
+            looking = [row for row in range(len(views)) if row not in standing]
+            lights = pool.map(lambda view: _seen_by(rays, view, points), [views[row] for row in looking])
+            now = standing | dict(zip(looking, lights, strict=True))
+            standing = {row: light for row, light in now.items() if not beat_period(observers[row])}
+            for row, light in now.items():
+                total[row] += light
+            joint += np.max(list(now.values()), axis=0, initial=0.0) if now else 0.0
     layers = np.full((len(observers) + 1, *unknown.shape), np.nan, np.float32)
     layers[:, ~unknown] = np.vstack([total, joint]) / len(times)
     ids = tuple(observer.id for observer in observers)

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from app.bench.driving import mission_speed, tick
+from app.bench.exposure import united_exposure
 from app.bench.line_of_sight import viewshed
 from app.bench.measure import Result
 from app.bench.planning import dwa_cycle
@@ -25,6 +26,7 @@ CASES: dict[str, Callable[[], Result]] = {
         mission_speed,
         click_to_goal,
         viewshed,
+        united_exposure,
     )
 }
 

@@ -27,6 +27,7 @@ def test_the_cases_are_those_that_were_promised():
         "mission_speed",
         "click_to_goal",
         "viewshed",
+        "united_exposure",
     ]
 
 
