@@ -22,7 +22,8 @@ REFUSALS = (StudioError, ScenarioError, StoreError, UnknownEntry)
 
 class Change(StrEnum):
     """What a listener is told of: another scenario, an edit, the selection, a frame, the mission's status,
-    the settings, the list of saved scenarios."""
+    the settings, the list of saved scenarios, who sees what, the view's picture of that, and the routes
+    that are compared."""
 
     OPENED = "opened"
     EDITED = "edited"
@@ -31,6 +32,9 @@ class Change(StrEnum):
     STATUS = "status"
     SETTINGS = "settings"
     LIBRARY = "library"
+    EXPOSURE = "exposure"
+    OVERLAY = "overlay"
+    ROUTES = "routes"
 
 
 class Kind(StrEnum):
@@ -45,6 +49,17 @@ class Kind(StrEnum):
 class Selection:
     kind: Kind
     id: int = 0
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """A picture of the exposure that has been sent to the browsers.
+
+    edits : how many edits of the studio it heeds; sharp : whether every cell was looked at
+    """
+
+    edits: int
+    sharp: bool
 
 
 @dataclass(frozen=True)

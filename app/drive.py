@@ -12,6 +12,7 @@ from typing import Any
 from app.changes import Change
 from app.mission_process import Progress
 from app.store import Store, StoreError
+from app.timeline import Timeline
 from app.workers import MissionWorker
 from planner.frames import Frame, Perception, Status
 from scenes.scenario import Scenario
@@ -38,6 +39,7 @@ class Drive:
         self.message, self.error = "getting ready", None
         self.real_factor = 0.0
         self.summary: dict[str, Any] | None = None
+        self.timeline = Timeline()
         self._store, self._tell, self._background = store, tell, background
         self._rows: list[tuple[float, ...]] = []
         self._started_at = datetime.now(UTC)
@@ -65,6 +67,7 @@ class Drive:
         """Begin a mission from its start."""
         self.finish(Status.STOPPED)
         self.frame, self.error, self.real_factor, self.summary = None, None, 0.0, None
+        self.timeline.clear()
         self.status = Status.RUNNING if playing else Status.IDLE
         self.message = "getting ready"
         self._started_at = datetime.now(UTC)
@@ -136,6 +139,7 @@ class Drive:
             if report.generation != self._generation:
                 continue
             self._rows.extend(report.rows)
+            self.timeline.extend(report.rows)
             self.summary = report.summary or self.summary
             if current and report.status.final:
                 self.finish(report.status)

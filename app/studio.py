@@ -7,20 +7,20 @@ view call the same commands and hear of the same changes.
 from __future__ import annotations
 
 import asyncio
-import inspect
-import logging
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from app.changes import COLLECTIONS, REFUSALS, Change, Kind, Selection, StudioError
+from app.changes import COLLECTIONS, Change, Kind, Overlay, Selection, StudioError
 from app.drive import Drive
 from app.history import History
 from app.store import ScenarioEntry, Store
+from app.switchboard import Switchboard
+from app.timeline import Timeline
 from planner.frames import Frame, Perception, Status
 from planner.methods import METHODS
 from scenes.families import generate
@@ -44,29 +44,27 @@ from scenes.scenario import (
 )
 from scenes.survey import import_survey
 
-log = logging.getLogger(__name__)
-
 SPEEDS = (0.125, 8.0)
 DEFAULT_METHOD = "least_cost"
 LIVE_FIELDS = ("goal", "cover", "observers", "obstacles")
 
 
-class Studio:
+class Studio(Switchboard):
     """See the module's docstring. `store` is the workspace, `scenario` the document to begin with."""
 
     def __init__(self, store: Store, scenario: Scenario, scenario_id: str) -> None:
+        super().__init__()
         self.store = store
         self.scenario, self.scenario_id = scenario, scenario_id
         self.heightmap = scenario.terrain.heightmap()
         self.method, self.perception, self.seed, self.speed = DEFAULT_METHOD, Perception.LIDAR, 0, 1.0
         self.selection: Selection | None = None
+        self.edits = 0
+        self.overlay: Overlay | None = None
         self._saved = scenario
         self._history = History()
-        self._listeners: list[Callable[[Change], None]] = []
         self._opening = 0
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._tasks: set[asyncio.Task] = set()
-        self._drive = Drive(store, self._tell, self._background)
+        self._drive = Drive(store, self.tell, self.background)
 
     async def start(self) -> None:
         """Start the mission process and load the scenario."""
@@ -110,59 +108,18 @@ class Studio:
         """The run so far, as `covernav run --json`."""
         return self._drive.summary
 
-    # telling and being told
+    @property
+    def timeline(self) -> Timeline:
+        """How exposed the drive was, tick by tick."""
+        return self._drive.timeline
 
-    def subscribe(self, listener: Callable[[Change], None]) -> Callable[[], None]:
-        """Call `listener` on the loop after every change; returns what ends that."""
-        self._listeners.append(listener)
-        return lambda: self._listeners.remove(listener) if listener in self._listeners else None
+    def say(self, message: str) -> None:
+        self._drive.say(message)
 
-    def _tell(self, *changes: Change) -> None:
-        for change in changes:
-            for listener in tuple(self._listeners):
-                try:
-                    listener(change)
-                except Exception:
-                    log.exception("a listener failed on %s", change)
-
-    def post(self, command: Callable, *args, on_error: Callable[[str], None] | None = None, **kwargs) -> None:
-        """From any thread: run a command on the loop; a refusal goes to `on_error`."""
-        if self._loop is None or self._loop.is_closed():
-            return
-        self._loop.call_soon_threadsafe(self._run_posted, command, args, kwargs, on_error)
-
-    def _run_posted(self, command: Callable, args, kwargs, on_error) -> None:
-        try:
-            result = command(*args, **kwargs)
-        except Exception as error:
-            self._report_failure(error, on_error)
-            return
-        if inspect.isawaitable(result):
-            self._background(self._finish_posted(result, on_error))
-
-    async def _finish_posted(self, result: Awaitable, on_error) -> None:
-        try:
-            await result
-        except Exception as error:
-            self._report_failure(error, on_error)
-
-    def _report_failure(self, error: Exception, on_error: Callable[[str], None] | None) -> None:
-        if isinstance(error, REFUSALS):
-            self._refuse(str(error), on_error)
-        else:
-            log.error("a command failed", exc_info=error)
-            self._refuse("that failed for a reason of ours; the server's log has it", on_error)
-
-    def _refuse(self, message: str, on_error: Callable[[str], None] | None) -> None:
-        if on_error is not None:
-            on_error(message)
-        else:
-            self._drive.say(message)
-
-    def _background(self, coroutine) -> None:
-        task = asyncio.ensure_future(coroutine)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+    def show_overlay(self, overlay: Overlay) -> None:
+        """Note that the view has sent this picture of the exposure to everybody who looks."""
+        self.overlay = overlay
+        self.tell(Change.OVERLAY)
 
     # documents
 
@@ -208,7 +165,7 @@ class Studio:
             return scenario, self.store.add(scenario)
 
         scenario_id = await self._open_with(read)
-        self._tell(Change.LIBRARY)
+        self.tell(Change.LIBRARY)
         return scenario_id
 
     async def _open_with(self, read: Callable[[], tuple[Scenario, str]]) -> str:
@@ -220,10 +177,11 @@ class Studio:
         self._drive.finish(Status.STOPPED)
         self.scenario, self.scenario_id, self._saved = scenario, scenario_id, scenario
         self.heightmap = scenario.terrain.heightmap()
+        self.edits += 1
         self._history.clear()
         self.selection = None
         self._load()
-        self._tell(Change.OPENED)
+        self.tell(Change.OPENED)
         return scenario_id
 
     def save(self) -> str:
@@ -232,7 +190,7 @@ class Studio:
             return self.save_as(self.scenario.name)
         self.store.save(self.scenario_id, self.scenario)
         self._saved = self.scenario
-        self._tell(Change.LIBRARY, Change.SETTINGS)
+        self.tell(Change.LIBRARY, Change.SETTINGS)
         return self.scenario_id
 
     def save_as(self, name: str) -> str:
@@ -245,7 +203,7 @@ class Studio:
         self.store.save(scenario_id, scenario)
         self.scenario = self._saved = scenario
         self.scenario_id = scenario_id
-        self._tell(Change.LIBRARY, Change.SETTINGS)
+        self.tell(Change.LIBRARY, Change.SETTINGS)
         return scenario_id
 
     def duplicate(self) -> str:
@@ -255,7 +213,7 @@ class Studio:
     async def add(self, scenario: Scenario) -> str:
         """Save a document under a new id, without opening it. Raises StoreError."""
         scenario_id = await asyncio.to_thread(self.store.add, scenario)
-        self._tell(Change.LIBRARY)
+        self.tell(Change.LIBRARY)
         return scenario_id
 
     async def replace(self, scenario_id: str, scenario: Scenario) -> None:
@@ -268,14 +226,14 @@ class Studio:
         await asyncio.to_thread(self.store.save, scenario_id, scenario)
         if scenario_id == self.scenario_id:
             self._saved = scenario
-        self._tell(Change.LIBRARY, Change.SETTINGS)
+        self.tell(Change.LIBRARY, Change.SETTINGS)
 
     def delete(self, scenario_id: str) -> None:
         """Delete a saved scenario. Raises StudioError for a shipped one, UnknownEntry."""
         if self.store.is_shipped(scenario_id):
             raise StudioError(f"{scenario_id} is shipped with the studio and cannot be deleted", 409)
         self.store.delete(scenario_id)
-        self._tell(Change.LIBRARY)
+        self.tell(Change.LIBRARY)
 
     # edits
 
@@ -320,6 +278,7 @@ class Studio:
 
     def _adopt(self, after: Scenario) -> None:
         before, self.scenario = self.scenario, after
+        self.edits += 1
         changed = tuple(name for name in LIVE_FIELDS if getattr(before, name) != getattr(after, name))
         if before.start != after.start and self.status is Status.IDLE:
             self._load()
@@ -327,8 +286,8 @@ class Studio:
             self._drive.edit(after, changed)
         if self.selection is not None and not self._exists(self.selection):
             self.selection = None
-            self._tell(Change.SELECTED)
-        self._tell(Change.EDITED)
+            self.tell(Change.SELECTED)
+        self.tell(Change.EDITED)
 
     def set_goal(self, x: float, y: float, *, drag: str | None = None) -> None:
         self._edit(drag, goal=self._validated(Point, {"x": x, "y": y}))
@@ -418,7 +377,7 @@ class Studio:
             self.find(selection)
         if selection != self.selection:
             self.selection = selection
-            self._tell(Change.SELECTED)
+            self.tell(Change.SELECTED)
 
     # the mission
 
@@ -467,14 +426,14 @@ class Studio:
             raise StudioError(f"there is no method {name!r:.40}; choose one of {', '.join(METHODS)}", 404)
         self.method = name
         self._drive.worker.set_method(name)
-        self._tell(Change.SETTINGS)
+        self.tell(Change.SETTINGS)
 
     def set_perception(self, mode: str) -> None:
         if mode not in set(Perception):
             raise StudioError(f"there is no perception {mode!r:.40}; choose one of {', '.join(Perception)}")
         self.perception = Perception(mode)
         self._drive.worker.set_perception(self.perception)
-        self._tell(Change.SETTINGS)
+        self.tell(Change.SETTINGS)
 
     def set_speed(self, factor: float) -> None:
         """Simulated seconds a second, 1/8 to 8."""
@@ -483,7 +442,7 @@ class Studio:
             raise StudioError(f"speed must be {low:g} to {high:g}, got {factor:g}")
         self.speed = float(factor)
         self._drive.worker.set_speed(self.speed)
-        self._tell(Change.SETTINGS)
+        self.tell(Change.SETTINGS)
 
     def set_seed(self, seed: int) -> None:
         """The seed of sensors and noise; a mission that has begun keeps its own until the next reset."""
@@ -492,7 +451,7 @@ class Studio:
         self.seed = int(seed)
         if self.status is Status.IDLE:
             self._load()
-        self._tell(Change.SETTINGS)
+        self.tell(Change.SETTINGS)
 
     def off_the_map(self, x: float, y: float) -> str | None:
         """Why a point is not on this map, or None where it is."""

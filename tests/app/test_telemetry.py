@@ -165,11 +165,11 @@ def test_a_slow_reader_gets_the_newest_and_none_between(studio, monkeypatch):
         reader.ready.clear()
         for tick in range(1, 40):
             studio._drive.frame = frame(tick)
-            studio._tell(Change.FRAME)
+            studio.tell(Change.FRAME)
             await settle()
         reader.ready.set()
         await settle()
-        studio._tell(Change.FRAME)
+        studio.tell(Change.FRAME)
         await settle()
         serving.cancel()
         await asyncio.gather(serving, return_exceptions=True)
@@ -188,7 +188,7 @@ def test_a_reader_that_stops_reading_is_closed_and_forgotten(studio, monkeypatch
         serving = asyncio.create_task(stream(reader, studio, Revisions(studio)))
         await settle()
         reader.ready.clear()
-        studio._tell(Change.EDITED)
+        studio.tell(Change.EDITED)
         await asyncio.wait_for(serving, 10.0)
         assert len(studio._listeners) == listeners + 1  # the revisions' own
         return reader

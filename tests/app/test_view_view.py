@@ -123,7 +123,7 @@ def draw(view, newest: Frame) -> None:
 
     async def go():
         view.studio._drive.frame = newest
-        view.studio._tell(Change.FRAME)
+        view.studio.tell(Change.FRAME)
         await asyncio.sleep(0.2)
 
     asyncio.run(go())
