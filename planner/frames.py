@@ -210,7 +210,11 @@ class CostPatch:
 
 @dataclass(frozen=True)
 class Decision:
-    """What a method wants; `note` says in words what it is doing, `failure` ends the mission."""
+    """What a method wants; `note` says in words what it is doing, `failure` ends the mission.
+
+    belief : chance, in per cent, that an observer not yet seen sees a robot in each cell, for methods that
+        heed one
+    """
 
     command: Twist
     waypoint: tuple[float, float] | None = None
@@ -220,6 +224,7 @@ class Decision:
     cover_id: int | None = None
     note: str = ""
     failure: Status | None = None
+    belief: CostPatch | None = None
 
 
 @dataclass(frozen=True)

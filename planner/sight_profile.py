@@ -17,7 +17,7 @@ from scenes.terrain import Heightmap, Quality
 SPACING = 0.5
 """Distance of a profile's samples, in cells."""
 
-_SKY = 100.0  # metres above the ground from which the tops of things are looked for
+_SKY = 100.0  # metres above the ground from which the tops of things are looked for, farther than any is wide
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,17 +88,25 @@ def _explain(
         light *= 1.0 - body.opacity
         through.append(name_of(body))
         if light < SEEN:
+            rest = float(rays.visible(view.eye, target)[0])
+            where = view.eye + along * (distance / length)
+            if _inside(rays, view.eye, along / length) == body:
+                return rest, body, where, f"hidden: the observer's eye is inside {name_of(body)}"
             stops = "" if body.opacity >= 1.0 else f", which stops {body.opacity:.0%} of the light"
             before = f" (after {', '.join(through[:-1])})" if len(through) > 1 else ""
-            where = view.eye + along * (distance / length)
             place = f"{distance:.1f} m from the eye"
-            rest = float(rays.visible(view.eye, target)[0])
             return rest, body, where, f"hidden by {name_of(body)}{stops}, {place}{before}"
     if heightmap.quality_at(target[0], target[1]) is Quality.MISSING:
         return light, None, None, "unknown: the survey has no data here"
     if through:
         return light, None, None, f"seen through {', '.join(through)}: {light:.0%} of the light comes through"
     return light, None, None, f"seen: nothing stands between, {length:.1f} m away"
+
+
+def _inside(rays: RayScene, eye: np.ndarray, ahead: np.ndarray) -> Body | None:
+    """What the eye is inside of: the line ahead leaves it through the first face it meets."""
+    hit = rays.cast(eye, ahead[None], _SKY)
+    return rays.bodies[int(hit.body[0])] if float(hit.normal[0] @ ahead) > 0.0 else None
 
 
 def _why_outside(view: View, target: np.ndarray) -> str:

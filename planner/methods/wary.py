@@ -4,6 +4,7 @@ heeding a belief over where they may stand."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy import ndimage
 
 from planner.belief import Belief
 from planner.covert_route import CovertPlanner
-from planner.frames import Decision, Percept
+from planner.frames import CostPatch, Decision, Percept
 from planner.hull_exposure import HullExposure, hull_exposure
 from planner.methods.route import FollowRoute, most_hidden
 from scenes.rays import RayScene
@@ -65,6 +66,7 @@ class Wary(FollowRoute):
         self._seed, self._believes = seed, believes
         self._scenario: Scenario | None = None
         self._belief: Belief | None = None
+        self._layer: CostPatch | None = None
         self._known: tuple[Observer, ...] = ()
         self._looked_s = self._planned_s = -math.inf
 
@@ -88,11 +90,12 @@ class Wary(FollowRoute):
             self._known, self._planned_s = percept.observers, percept.time_s
             self._planner = self._planner_for(self._scenario)
             self._places = np.zeros((0, 2))
-        return super().decide(percept)
+        return replace(super().decide(percept), belief=self._layer)
 
     def _forget(self) -> None:
         self._planner = None
         self._known = ()
+        self._layer = None
         self._looked_s = self._planned_s = -math.inf
 
     def _planner_for(self, scenario: Scenario) -> CovertPlanner:
@@ -100,6 +103,13 @@ class Wary(FollowRoute):
         planner = BelievingPlanner(heightmap, scenario.cover, self._known, self._rays)
         if self._belief is not None:
             planner.belief = self._belief.exposure(stride=BELIEF_STRIDE)
+            first, resolution = (BELIEF_STRIDE - 1) // 2, heightmap.resolution
+            self._layer = CostPatch(
+                heightmap.x_min + first * resolution,
+                heightmap.y_min + first * resolution,
+                BELIEF_STRIDE * resolution,
+                100.0 * planner.belief,
+            )
         return planner
 
     def _look(self, percept: Percept) -> None:

@@ -53,6 +53,13 @@ def test_fences_let_it_be_seen_until_they_are_too_many():
     assert not twice.seen and "(after fence 12)" in twice.reason and "fence 9" in twice.reason
 
 
+def test_an_eye_inside_a_thing_is_told_so():
+    house = thing("building", 6.0, 0.0, id=4, length=5.0, width=5.0, height=4.0)
+    assert explained([house]).reason == "hidden: the observer's eye is inside building 4"
+    beside = thing("building", 3.0, 0.0, id=4, length=4.0, width=5.0, height=4.0)
+    assert explained([beside]).reason.startswith("hidden by building 4, 1.0 m")
+
+
 def test_a_person_in_the_way_hides():
     walker = MovingObstacle(id=2, kind="vehicle", x=0.0, y=0.0, yaw=90.0)
     assert explained(walkers=[walker]).reason.startswith("hidden by vehicle 2")

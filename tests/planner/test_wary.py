@@ -48,6 +48,17 @@ def test_ground_that_somebody_not_yet_seen_may_see_is_avoided():
     assert np.abs(straight[:, 1]).max() < 0.5 and around[:, 1].min() < -2.0
 
 
+def test_the_belief_is_a_layer_of_the_decision(mission):
+    wary, careless = (
+        mission(watched(False, (*WALL, SCREEN)), method, 0, Perception.ORACLE).tick().decision
+        for method in ("route_wary", "route_known")
+    )
+    assert careless.belief is None
+    cost = wary.belief.cost
+    assert wary.belief.resolution == 0.75 and cost.shape == (32, 32) and 0.0 < cost.max() <= 40.0
+    assert wary.belief.x_min == pytest.approx(-11.75)
+
+
 def test_a_mission_goes_on_from_a_snapshot(mission):
     drive = mission(watched(False), "route_wary", 0, Perception.ORACLE)
     for _ in range(15):
