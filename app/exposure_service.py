@@ -1,122 +1,194 @@
 """Exposure of the scenario that is open, computed beside the event loop.
 
 Of the requests that wait for their turn each gets what holds when it is its turn, so that the newest wins
-and what has been overtaken is never computed.
+and what has been overtaken is never computed. Where somebody follows the exposure it is computed anew after
+every change, coarse first where the sharp result takes longer, and told as `Change.EXPOSURE`.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
 
-from app.changes import StudioError
+from app.changes import Change, StudioError
+from app.exposure_fields import ExposureFields, Moment
 from app.studio import Studio
-from planner.exposure import (
-    ExposureField,
-    SightProfile,
-    exposure_field,
-    sight_profile,
-    time_averaged,
-    views_at,
-)
+from planner.exposure import ExposureField, SightProfile, sight_profile, views_at
+from planner.frames import Status
 from scenes.rays import RayScene
-from scenes.scenario import CoverObject, MovingObstacle, Observer
-from scenes.terrain import Heightmap
+
+log = logging.getLogger(__name__)
+
+MOTION_PERIOD_S = 0.5  # between pictures of what walks
+MOTION_STRIDE = 2
 
 Answer = TypeVar("Answer")
 
-SAMPLES, LEAST_SAMPLES = 24, 4
-"""Times at which the patrols' cycle is looked at."""
 
-FULLY_SAMPLED = 8
-"""Patrols up to which all of these times are taken; with more of them fewer, so that nobody waits long."""
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Who sees what, as last computed.
+
+    edits : how many edits of the studio it heeds; sharp : whether every cell was looked at
+    averaged : whether it is the mean over the patrols' beats
+    """
+
+    field: ExposureField
+    edits: int
+    sharp: bool
+    averaged: bool = False
 
 
-@dataclass(frozen=True)
-class Moment:
-    """What exposure depends on; `time_s` is 0 where nothing walks."""
+def present(studio: Studio) -> Moment:
+    """What the exposure of the scenario depends on now."""
+    scenario, frame = studio.scenario, studio.frame
+    time_s = frame.time_s if walking(studio) and frame is not None else 0.0
+    return Moment(studio.heightmap, scenario.cover, scenario.obstacles, scenario.observers, time_s)
 
-    heightmap: Heightmap
-    cover: tuple[CoverObject, ...]
-    obstacles: tuple[MovingObstacle, ...]
-    observers: tuple[Observer, ...]
-    time_s: float
 
-    @classmethod
-    def of(cls, studio: Studio) -> Moment:
-        scenario, frame = studio.scenario, studio.frame
-        walking = any(thing.patrol for thing in (*scenario.observers, *scenario.obstacles))
-        time_s = frame.time_s if walking and frame is not None else 0.0
-        return cls(studio.heightmap, scenario.cover, scenario.obstacles, scenario.observers, time_s)
+def walking(studio: Studio) -> bool:
+    """Whether anybody in the scenario walks."""
+    return any(thing.patrol for thing in (*studio.scenario.observers, *studio.scenario.obstacles))
 
 
 class ExposureService:
     """Answers questions about the studio's scenario as it is; call it on the event loop's thread."""
 
     def __init__(self, studio: Studio) -> None:
+        self.picture: Picture | None = None
         self._studio = studio
         self._turn = asyncio.Lock()
         self._thread = ThreadPoolExecutor(1, "exposure")  # one: a request that is given up still runs on
-        self._rays: RayScene | None = None
-        self._cover: tuple[CoverObject, ...] = ()
-        self._kept: dict[bool, tuple[Moment, int, ExposureField]] = {}
+        self._fields = ExposureFields()
+        self._averaged = False
+        self._stale = self._busy = False
+        self._motion_due: asyncio.TimerHandle | None = None
+        self._leave: Callable[[], None] = lambda: None
+
+    # asked
 
     async def field(self, stride: int = 1, *, averaged: bool = False) -> ExposureField:
         """Who sees each `stride`-th cell now, or on the mean over the patrols' beats."""
+        make = self._fields.averaged if averaged else self._fields.now
         async with self._turn:
-            moment = Moment.of(self._studio)
-            kept = self._kept.get(averaged)
-            if kept is None or kept[:2] != (moment, stride):
-                field = await self._beside(lambda: self._compute(moment, stride, averaged))
-                self._kept[averaged] = kept = (moment, stride, field)
-            return kept[2]
+            moment = present(self._studio)
+            field = await self._beside(lambda: make(moment, stride))
+        assert field is not None  # nothing overtakes it
+        return field
 
     async def profile(self, observer_id: int, x: float, y: float) -> SightProfile:
         """The line from an observer to a robot at (x, y). Raises StudioError."""
+        profiles = await self.profiles(x, y, only=observer_id)
+        if not profiles:
+            raise StudioError(f"there is no observer {observer_id}", 404)
+        return profiles[0]
+
+    async def profiles(self, x: float, y: float, only: int | None = None) -> tuple[SightProfile, ...]:
+        """The lines from all observers, or one, to a robot at (x, y). Raises StudioError."""
         reason = self._studio.off_the_map(x, y)
         if reason is not None:
             raise StudioError(f"the place {reason}")
 
-        def answer(moment: Moment, rays: RayScene) -> SightProfile:
-            for view in views_at(moment.observers, moment.heightmap, moment.time_s):
-                if view.observer_id == observer_id:
-                    return sight_profile(rays, moment.heightmap, view, x, y)
-            raise StudioError(f"there is no observer {observer_id}", 404)
+        def answer(moment: Moment, rays: RayScene) -> tuple[SightProfile, ...]:
+            views = views_at(moment.observers, moment.heightmap, moment.time_s)
+            return tuple(
+                sight_profile(rays, moment.heightmap, view, x, y)
+                for view in views
+                if only in (None, view.observer_id)
+            )
 
         return await self.ask(answer)
 
     async def ask(self, question: Callable[[Moment, RayScene], Answer]) -> Answer:
         """Put a question to the present moment and its ray scene, on the service's own thread."""
         async with self._turn:
-            moment = Moment.of(self._studio)
-            return await self._beside(lambda: question(moment, self._scene(moment)))
+            moment = present(self._studio)
+            return await self._beside(lambda: question(moment, self._fields.rays(moment)))
+
+    # following
+
+    def follow(self) -> None:
+        """Keep `picture` up to date from now on."""
+        self._leave = self._studio.subscribe(self._hear)
+        self._wake()
+
+    def average(self, averaged: bool) -> None:
+        """Whether `picture` shall be the mean over the patrols' beats."""
+        if averaged != self._averaged:
+            self._averaged = averaged
+            self._wake()
 
     def close(self) -> None:
-        """End the thread once it is done with what it has begun."""
+        """Stop following; end the thread once it is done with what it has begun."""
+        self._leave()
+        self._stale = True
+        if self._motion_due is not None:
+            self._motion_due.cancel()
         self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def _hear(self, change: Change) -> None:
+        if change in (Change.OPENED, Change.EDITED):
+            self._wake()
+        elif change in (Change.FRAME, Change.STATUS):
+            self._hear_motion()
+
+    def _hear_motion(self) -> None:
+        if self._motion_due is None and not self._averaged and walking(self._studio):
+            self._motion_due = asyncio.get_running_loop().call_later(MOTION_PERIOD_S, self._motion)
+
+    def _motion(self) -> None:
+        self._motion_due = None
+        self._wake()
+
+    def _wake(self) -> None:
+        self._stale = True
+        if not self._busy:
+            self._busy = True
+            self._studio.background(self._keep_up())
+
+    async def _keep_up(self) -> None:
+        try:
+            while self._stale:
+                self._stale = False
+                await self._compute()
+        except asyncio.CancelledError:
+            raise
+        except Exception:
+            log.exception("the exposure could not be computed")
+        finally:
+            self._busy = False
+
+    async def _compute(self) -> None:
+        studio, averaged = self._studio, self._averaged
+        async with self._turn:
+            moment, edits = present(studio), studio.edits
+            strides = await self._beside(lambda: self._strides(moment, averaged))
+            for stride in strides:
+                # the first one is never given up: a hand that keeps moving would see nothing
+                wanted = stride == strides[0]
+                field = await self._beside(lambda: self._answer(moment, stride, averaged, wanted))  # noqa: B023
+                if field is None or studio.heightmap is not moment.heightmap:
+                    return
+                self.picture = Picture(field, edits, stride == moment.finest, averaged)
+                studio.tell(Change.EXPOSURE)
+                if self._stale:
+                    return
+
+    def _strides(self, moment: Moment, averaged: bool) -> tuple[int, ...]:
+        if averaged:
+            return (self._fields.affordable(moment),)
+        if moment.time_s and self._studio.status is Status.RUNNING:
+            return (MOTION_STRIDE * moment.finest,)
+        return self._fields.strides(moment)
+
+    def _answer(self, moment: Moment, stride: int, averaged: bool, wanted: bool) -> ExposureField | None:
+        if averaged:
+            return self._fields.averaged(moment, stride)
+        return self._fields.now(moment, stride, lambda: self._stale and not wanted)
 
     async def _beside(self, work: Callable[[], Answer]) -> Answer:
         return await asyncio.get_running_loop().run_in_executor(self._thread, work)
-
-    def _compute(self, moment: Moment, stride: int, averaged: bool) -> ExposureField:
-        rays = self._scene(moment)
-        if averaged:
-            walking = sum(observer.patrol is not None for observer in moment.observers)
-            samples = max(LEAST_SAMPLES, min(SAMPLES, SAMPLES * FULLY_SAMPLED // max(walking, 1)))
-            return time_averaged(rays, moment.heightmap, moment.observers, samples=samples, stride=stride)
-        views = views_at(moment.observers, moment.heightmap, moment.time_s)
-        return exposure_field(rays, moment.heightmap, views, stride=stride)
-
-    def _scene(self, moment: Moment) -> RayScene:
-        """The ray scene of the moment; only what has changed is built anew."""
-        rays = self._rays
-        if rays is None or rays.heightmap is not moment.heightmap:
-            self._rays = rays = RayScene(moment.heightmap, moment.cover)
-        elif self._cover != moment.cover:
-            rays.set_cover(moment.cover)
-        self._cover = moment.cover
-        rays.set_walkers(moment.obstacles, (), moment.time_s)
-        return rays

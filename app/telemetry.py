@@ -11,6 +11,7 @@ import json
 import math
 import time
 from collections import Counter, deque
+from dataclasses import asdict
 from typing import Any
 
 from fastapi import WebSocket, WebSocketDisconnect
@@ -58,6 +59,8 @@ def telemetry_document(studio: Studio, revisions: Revisions) -> dict[str, Any]:
         "can_redo": studio.can_redo,
         "selection": None if selection is None else {"kind": selection.kind, "id": selection.id},
         "revision": revisions.counts(),
+        "edits": studio.edits,
+        "overlay": None if studio.overlay is None else asdict(studio.overlay),
         "metrics": _metrics(studio.frame),
     }
 
