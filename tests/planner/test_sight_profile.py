@@ -57,7 +57,7 @@ def test_an_eye_inside_a_thing_is_told_so():
     house = thing("building", 6.0, 0.0, id=4, length=5.0, width=5.0, height=4.0)
     assert explained([house]).reason == "hidden: the observer's eye is inside building 4"
     beside = thing("building", 3.0, 0.0, id=4, length=4.0, width=5.0, height=4.0)
-    assert explained([beside]).reason.startswith("hidden by building 4, 1.0 m")
+    assert explained([beside]).reason.startswith("hidden by building 4, 1.1 m")
 
 
 def test_a_person_in_the_way_hides():
