@@ -35,7 +35,7 @@ def no_route(
     begin: int,
     end: int,
 ) -> NoRoute:
-    """What first stands in the way that breaks through the least.
+    """What is wrong with the goal's own cell, or else what first stands in the way that breaks through least.
 
     open_cells : (rows, cols) bool, where the robot may drive; begin, end : flat indices of the ends' cells
     """
@@ -44,7 +44,7 @@ def no_route(
     blocked, at = end, end
     while at != begin:
         at = int(parent[at])
-        if not open_cells.flat[at] and at != begin:
+        if open_cells.flat[end] and not open_cells.flat[at] and at != begin:
             blocked = at
     row, col = (int(index) for index in np.unravel_index(blocked, open_cells.shape))
     x, y = (float(value) for value in costs.centre(row, col))

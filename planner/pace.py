@@ -91,8 +91,8 @@ def course(points: np.ndarray, pace: Pace, clearance, yaw: float | None = None) 
     positions, yaws, lengths = sample(points)
     to_goal = np.hypot(*(positions - points[-1]).T)
     speed = np.minimum(pace.speed(clearance(positions)), pace.arriving(to_goal))
-    on_the_way = (to_goal > pace.arrived) | (np.arange(len(to_goal)) < np.argmin(to_goal) - 5)
-    seconds = np.where(on_the_way, lengths / speed, 0.0)
+    left = np.cumsum(lengths[::-1])[::-1] - 0.5 * lengths
+    seconds = np.where(left > pace.arrived, lengths / speed, 0.0)
     if yaw is None or not len(yaws):
         return Course(positions, yaws, seconds)
     turn = float(wrap_angle(yaws[0] - yaw))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import ndimage
 
 from planner.covert_kernel import search
 from planner.covert_route import CovertPlanner, CovertRoute
@@ -24,6 +25,9 @@ from planner.route_exposure import course_exposure
 from planner.space_time_kernel import STEPS, STRAIGHT, UNREACHED, WAIT, cost_of, plan
 from scenes.robot import HUSKY
 from scenes.scenario import Observer
+
+BODY = np.ones((3, 3), bool)
+"""Cells about its middle that the robot's body reaches into."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +46,14 @@ class SpaceTimeConfig:
 
 @dataclass(frozen=True, eq=False)
 class _Graph:
-    """Costs of one start, goal and weight; see `space_time_kernel.plan`."""
+    """Costs of one start, goal and weight, see `space_time_kernel.plan`.
+
+    useful : (samples, cells) bool, where the robot can be at the time and still arrive
+    """
 
     base: np.ndarray
     seen: np.ndarray
+    useful: np.ndarray
     sample_of: np.ndarray
     toll: np.ndarray
     begin: int
@@ -110,9 +118,10 @@ class SpaceTimePlanner:
         """Cost of the best way for the patrols' mean exposure when it is driven against the clock without
         waiting, and its cells (k,): what a plan in space and time is to undercut."""
         graph = self._graph(start, goal, weight)
-        mean = graph.base + graph.seen[graph.sample_of].mean(axis=0)
+        ever = np.maximum(graph.useful.sum(axis=0), 1)
+        mean = graph.base + np.where(graph.useful, graph.seen, 0.0).sum(axis=0) / ever
         metres = mean * STRAIGHT / self.resolution + graph.toll / self.resolution
-        cost = np.where(self.open, metres.reshape(4, *self.open.shape), np.inf)
+        cost = np.where(graph.useful.any(axis=0), metres, np.inf).reshape(4, *self.open.shape)
         parent, best = search(cost, self.resolution, graph.begin, graph.end)
         if not math.isfinite(best[graph.end]):
             raise NoRoute("no way leads to the goal", goal)
@@ -150,6 +159,7 @@ class SpaceTimePlanner:
         return _Graph(
             self.tick_s * time,
             self.tick_s * weight * covert.config.exposed_second * seen,
+            useful,
             sample_of,
             covert.config.treacherous * self.resolution * toll,
             begin,
@@ -157,8 +167,9 @@ class SpaceTimePlanner:
         )
 
     def _seen(self, useful: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """(times, cells) share of the robot's height that is seen in the cells that are of use, 0 elsewhere.
-        Observers who stand still are asked once."""
+        """(times, cells) share of the robot that is seen in the cells that are of use, about: the mean over
+        its height and the cells about, for its body reaches into them. Observers who stand still are asked
+        once."""
         covert = self.covert
         ground = covert.grid.elevation[self._pick].ravel()
         heights = np.unique(HUSKY.hull_points()[:, 2])[[0, -1]]
@@ -166,14 +177,18 @@ class SpaceTimePlanner:
         points = np.stack([places + np.array([0.0, 0.0, height]) for height in heights])
         standing = [observer for observer in covert.observers if not beat_period(observer)]
         walking = [observer for observer in covert.observers if beat_period(observer)]
-        ever = useful.any(axis=0)
+        size = (len(times), *self.open.shape)
+        body = ndimage.binary_dilation(useful.reshape(size), BODY[None]).reshape(useful.shape)
+        ever = body.any(axis=0)
         still = np.zeros((len(heights), ground.size), np.float32)
         still[:, ever] = self._light(standing, points[:, ever], self.time_s)
         seen = np.zeros(useful.shape, np.float32)
-        for row, use, time_s in zip(seen, useful, times, strict=True):
+        for row, use, time_s in zip(seen, body, times, strict=True):
             light = np.maximum(still[:, use], self._light(walking, points[:, use], float(time_s)))
             row[use] = light.mean(axis=0)
-        return seen
+        return ndimage.uniform_filter(seen.reshape(size), (1, *BODY.shape), mode="nearest").reshape(
+            useful.shape
+        )
 
     def _light(self, observers: list[Observer], points: np.ndarray, time_s: float) -> np.ndarray:
         """Share of light (heights, n) from points (heights, n, 3) to whom sees them best."""

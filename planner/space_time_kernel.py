@@ -66,7 +66,8 @@ def plan(base, seen, sample_of, toll, passable, begin, end, ticks):
 
 @njit(cache=True)
 def cost_of(base, seen, sample_of, toll, cells, cols):
-    """Cost of going along neighbouring cells (k,) from tick 0 without waiting, as `plan` has it."""
+    """Cost of going along neighbouring cells (k,) from tick 0 without waiting, as `plan` has it; inf where
+    that takes longer than there are ticks."""
     total, tick = 0.0, 0
     for index in range(len(cells) - 1):
         here, there = cells[index], cells[index + 1]
@@ -76,5 +77,7 @@ def cost_of(base, seen, sample_of, toll, cells, cols):
         paid = 0.5 * (toll[axis, here] + toll[axis, there]) * (1.4 if duration == DIAGONAL else 1.0)
         before = base[here] + seen[sample_of[tick], here]
         tick += duration
+        if tick >= len(sample_of):
+            return np.inf
         total += 0.5 * duration * (before + base[there] + seen[sample_of[tick], there]) + paid
     return total

@@ -1,6 +1,7 @@
 """`POST /api/route`: covert routes of the scenario as it is."""
 
 import math
+from itertools import pairwise
 
 import pytest
 from served import BEARER, application, browser, silent_studio
@@ -25,9 +26,7 @@ def test_a_route_leads_from_one_end_to_the_other_with_its_figures(client):
     route = client.post("/api/route", json=WAY | {"exposure_weight": 0.0}).json()
     assert route["points"][0] == [-3.0, 0.0] and route["points"][-1] == [3.0, 0.0]
     corners = route["points"]
-    assert route["length_m"] == pytest.approx(
-        sum(math.dist(a, b) for a, b in zip(corners[:-1], corners[1:], strict=True)), abs=0.01
-    )
+    assert route["length_m"] == pytest.approx(sum(math.dist(a, b) for a, b in pairwise(corners)), abs=0.01)
     assert 0.0 <= route["exposure_s"] <= route["duration_s"] + 1e-9
     assert 0.0 <= route["detection_probability"] <= 1.0 and route["cost"] > 0.0
     assert route["times"] is None and route["waits"] == []
@@ -55,7 +54,9 @@ def test_without_a_way_the_answer_says_what_blocks_it(client, studio):
         studio.add_cover(CoverSpec(kind="house", x=0.0, y=y, length=1.5, width=9.0))
     answer = client.post("/api/route", json=WAY)
     assert answer.status_code == 422
-    assert "every way to the goal is blocked" in answer.json()["detail"] and "house" in answer.json()["detail"]
+    assert (
+        "every way to the goal is blocked" in answer.json()["detail"] and "house" in answer.json()["detail"]
+    )
 
 
 @pytest.mark.parametrize(
