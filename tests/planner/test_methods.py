@@ -12,7 +12,6 @@ from planner.methods.least_cost import LeastCost, LeastCostConfig
 from scenes.pose import Pose
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
-ON_PERCEPTS_ALONE = [name for name in METHODS if not isinstance(make_method(name), Briefed)]
 SELF_RELIANT = [name for name in METHODS if not isinstance(make_method(name), Briefed)]
 
 
@@ -24,7 +23,8 @@ def trap(x, y):
 
 
 def test_methods_are_found_by_name_and_say_what_they_are():
-    assert set(METHODS) == {"dwa", "least_cost", "route", "route_balanced", "route_shortest"}
+    routes = {"route", "route_balanced", "route_shortest", "route_known", "route_wary"}
+    assert set(METHODS) == {"dwa", "least_cost"} | routes
     assert SELF_RELIANT == ["least_cost", "dwa"]
     assert DEFAULT_METHOD in METHODS
     for name, entry in METHODS.items():
