@@ -15,6 +15,7 @@ from scenes.scenario import (
     Family,
     GeneratedSource,
     MovingObstacle,
+    Observer,
     ObstacleKind,
     Patrol,
     Point,
@@ -43,7 +44,7 @@ def warm_up() -> None:
 
 
 def _small_scene() -> Scenario:
-    """A bumpy field with a tree in the way and somebody walking."""
+    """A bumpy field with a tree in the way, somebody walking, and somebody watching on his beat."""
     row, col = np.mgrid[:CELLS, :CELLS]
     return Scenario(
         version=1,
@@ -57,6 +58,7 @@ def _small_scene() -> Scenario:
         start=Start(x=-4.0, y=0.0),
         goal=Point(x=5.0, y=0.0),
         cover=(CoverObject(id=1, kind=CoverKind.TREE, x=0.5, y=0.2),),
+        observers=(Observer(id=1, x=2.0, y=7.0, patrol=Patrol(waypoints=(Point(x=-2.0, y=7.0),))),),
         obstacles=(
             MovingObstacle(
                 id=1,
