@@ -24,6 +24,9 @@ MOVED = 2.0
 LOOK_PERIOD, REPLAN_PERIOD = 0.5, 4.0
 """Seconds between looks that rule places out, and between routes on account of them."""
 
+NEAR = 2.0
+"""Metres from the goal within which a belief changes nothing any more."""
+
 BELIEF_STRIDE = 3
 
 
@@ -86,6 +89,7 @@ class Wary(FollowRoute):
             raise RuntimeError("the method must be briefed with the scenario before it decides")
         self._look(percept)
         overdue = self._believes and percept.time_s - self._planned_s >= REPLAN_PERIOD
+        overdue = overdue and percept.goal_distance > NEAR
         if self._planner is None or overdue or _changed(self._known, percept.observers):
             self._known, self._planned_s = percept.observers, percept.time_s
             self._planner = self._planner_for(self._scenario)
