@@ -20,6 +20,7 @@ from app.studio import Studio
 from planner.exposure import ExposureField, SightProfile, sight_profile, views_at
 from planner.frames import Status
 from scenes.rays import RayScene
+from scenes.terrain import Heightmap
 
 log = logging.getLogger(__name__)
 
@@ -38,6 +39,7 @@ class Picture:
     """
 
     field: ExposureField
+    heightmap: Heightmap
     edits: int
     sharp: bool
     averaged: bool = False
@@ -67,7 +69,7 @@ class ExposureService:
         self._averaged = False
         self._stale = self._busy = False
         self._motion_due: asyncio.TimerHandle | None = None
-        self._leave: Callable[[], None] = lambda: None
+        self._leave: Callable[[], None] | None = None
 
     # asked
 
@@ -111,21 +113,25 @@ class ExposureService:
 
     # following
 
-    def follow(self) -> None:
-        """Keep `picture` up to date from now on."""
-        self._leave = self._studio.subscribe(self._hear)
-        self._wake()
+    def follow(self, following: bool = True) -> None:
+        """Keep `picture` up to date from now on, or no longer."""
+        if following and self._leave is None:
+            self._leave = self._studio.subscribe(self._hear)
+            self._wake()
+        elif not following and self._leave is not None:
+            self._leave()
+            self._leave, self._stale = None, False
 
     def average(self, averaged: bool) -> None:
         """Whether `picture` shall be the mean over the patrols' beats."""
         if averaged != self._averaged:
             self._averaged = averaged
-            self._wake()
+            if self._leave is not None:
+                self._wake()
 
     def close(self) -> None:
         """Stop following; end the thread once it is done with what it has begun."""
-        self._leave()
-        self._stale = True
+        self.follow(False)
         if self._motion_due is not None:
             self._motion_due.cancel()
         self._thread.shutdown(wait=False, cancel_futures=True)
@@ -142,7 +148,8 @@ class ExposureService:
 
     def _motion(self) -> None:
         self._motion_due = None
-        self._wake()
+        if self._leave is not None:
+            self._wake()
 
     def _wake(self) -> None:
         self._stale = True
@@ -173,7 +180,7 @@ class ExposureService:
                 field = await self._beside(lambda: self._answer(moment, stride, averaged, wanted))  # noqa: B023
                 if field is None or studio.heightmap is not moment.heightmap:
                     return
-                self.picture = Picture(field, edits, stride == moment.finest, averaged)
+                self.picture = Picture(field, moment.heightmap, edits, stride == moment.finest, averaged)
                 studio.tell(Change.EXPOSURE)
                 if self._stale:
                     return

@@ -125,7 +125,9 @@ def serve(settings: Settings, scenario: str | None = None) -> None:
         settings = settings.model_copy(update={"port": listening.getsockname()[1]})
         studio = Studio(store, document, scenario_id)
         viser_server, viewer = viewer_proxy.start_viser(TITLE)
-        app = create_app(studio, settings, viewer, _lifespan(studio, viser_server))
+        exposures = ExposureService(studio)
+        lifespan = _lifespan(studio, viser_server, exposures)
+        app = create_app(studio, settings, viewer, lifespan, exposures)
         server = _Server(_configuration(app), lambda: print(address(settings), flush=True))
         server.run(sockets=[listening])
         if not server.started:
@@ -198,17 +200,21 @@ class _Server(uvicorn.Server):
         self.should_exit = True
 
 
-def _lifespan(studio: Studio, viser_server: viser.ViserServer) -> Lifespan[FastAPI]:
+def _lifespan(
+    studio: Studio, viser_server: viser.ViserServer, exposures: ExposureService
+) -> Lifespan[FastAPI]:
     @contextlib.asynccontextmanager
     async def live(app: FastAPI) -> AsyncIterator[None]:
         from app.view.view import StudioView  # the interface works without the view's libraries loaded
 
         await studio.start()
-        view = StudioView(studio, viser_server)
+        view = StudioView(studio, viser_server, exposures)
+        view.start()
         try:
             yield
         finally:
             view.close()
+            exposures.close()
             with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye
                 await asyncio.gather(asyncio.to_thread(viser_server.stop), studio.close())
 

@@ -126,7 +126,8 @@ class _Document:
             attributes["TEXCOORD_0"] = self._accessor(surface.uv.astype("<f4"), "VEC2")
         if surface.colours is not None:
             attributes["COLOR_0"] = self._accessor(_light(surface), "VEC4", normalized=True)
-        faces = self._accessor(surface.faces.astype("<u4").reshape(-1), "SCALAR", target=_ELEMENT_BUFFER)
+        index = "<u2" if len(surface.vertices) < 2**16 else "<u4"
+        faces = self._accessor(surface.faces.astype(index).reshape(-1), "SCALAR", target=_ELEMENT_BUFFER)
         index = len(self._json["meshes"])
         self._json["materials"].append(self._material(surface))
         self._json["meshes"].append(

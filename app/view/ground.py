@@ -23,10 +23,10 @@ CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 25.0, 50.0)
 SUN = np.array([-0.5, 0.6, 0.62]) / np.linalg.norm([-0.5, 0.6, 0.62])
 
 
-def terrain_glb(heightmap: Heightmap) -> bytes:
-    """The relief with its texture and the earth that shows at the map's cut edge."""
+def terrain_glb(heightmap: Heightmap, picture: np.ndarray) -> bytes:
+    """The relief with its picture, as `painted`, and the earth that shows at the map's cut edge."""
     drawn = coarsened(heightmap)
-    return glb(_relief(drawn, paint(heightmap)), _skirt(drawn))
+    return glb(_relief(drawn, jpeg(picture)), _skirt(drawn))
 
 
 def coarsened(heightmap: Heightmap) -> Heightmap:
@@ -74,9 +74,16 @@ def _skirt(ground: Heightmap) -> Mesh:
     return Mesh(np.concatenate([top, bottom]), faces, colours, double_sided=True)
 
 
-def paint(heightmap: Heightmap) -> bytes:
-    """The ground's texture as a JPEG, north at the top: surface colours with soft ragged borders, a light
-    hill shade, contour lines, and grey hatching where the survey interpolated or has nothing."""
+def jpeg(picture: np.ndarray) -> bytes:
+    """A picture (height, width, 3) uint8 with south first, for a texture."""
+    with io.BytesIO() as buffer:
+        Image.fromarray(picture[::-1]).save(buffer, "JPEG", quality=84)
+        return buffer.getvalue()
+
+
+def painted(heightmap: Heightmap) -> np.ndarray:
+    """The ground's picture (height, width, 3) uint8, south first: surface colours with soft ragged borders,
+    a light hill shade, contour lines, and grey hatching where the survey interpolated or has nothing."""
     rows, cols = heightmap.shape
     scale = min(6.0, MAX_TEXTURE / max(rows, cols))
     size = (max(round(rows * scale), 2), max(round(cols * scale), 2))
@@ -93,10 +100,7 @@ def paint(heightmap: Heightmap) -> bytes:
     image *= (_hill_shade(heights, metre) * (1.0 + 0.1 * tufts))[..., None]
     image *= (1.0 - _contours(heights, heightmap.relief))[..., None]
     _hatch(image, heightmap.quality[row, col])
-    pixels = np.clip(image, 0, 255).astype(np.uint8)[::-1]
-    with io.BytesIO() as buffer:
-        Image.fromarray(pixels).save(buffer, "JPEG", quality=84)
-        return buffer.getvalue()
+    return np.clip(image, 0, 255).astype(np.uint8)
 
 
 def _samples(

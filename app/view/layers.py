@@ -12,6 +12,8 @@ class Layer(StrEnum):
     TERRAIN = "terrain"
     WATER = "water"
     COVER = "cover"
+    EXPOSURE = "exposure"
+    SIGHT_LINES = "sight_lines"
     SIGHT = "sight"
     PATROLS = "patrols"
     SCAN = "scan"
@@ -24,15 +26,18 @@ class Layer(StrEnum):
 
 @dataclass(frozen=True)
 class LayerStyle:
-    """title : as people read it; key : the digit that toggles it; swatch : its colour in lists."""
+    """title : as people read it; key : toggles it; swatch : its colour in lists; shown : at first"""
 
     title: str
     key: str | None
     swatch: palette.RGB
     opacity: float | None = None
+    shown: bool = True
 
 
 STYLES: dict[Layer, LayerStyle] = {
+    Layer.EXPOSURE: LayerStyle("Exposure: who sees what", "V", palette.SEEN, 0.6),
+    Layer.SIGHT_LINES: LayerStyle("Sight lines to the robot", "L", palette.SEEN),
     Layer.COVER: LayerStyle("Cover objects", "1", (88, 124, 70)),
     Layer.SIGHT: LayerStyle("Observers' sight", "2", palette.SEEN, 0.6),
     Layer.PATROLS: LayerStyle("Patrols", "3", (228, 190, 150)),
@@ -51,7 +56,7 @@ STYLES: dict[Layer, LayerStyle] = {
 class LayerState:
     """Which layers are drawn, and how strongly those with an opacity."""
 
-    visible: dict[Layer, bool] = field(default_factory=lambda: dict.fromkeys(STYLES, True))
+    visible: dict[Layer, bool] = field(default_factory=lambda: {k: s.shown for k, s in STYLES.items()})
     opacity: dict[Layer, float] = field(
         default_factory=lambda: {k: s.opacity for k, s in STYLES.items() if s.opacity is not None}
     )

@@ -20,8 +20,11 @@ class SwapGlb:
     """A mesh that is replaced by sending the new one beside the old: the browser shows nothing of a GLB
     while it parses it, so the old one is taken away a moment later."""
 
-    def __init__(self, scene: viser.SceneApi, name: str, linger_s: float = PARSE_S) -> None:
-        self._scene, self._name, self._linger_s = scene, name, linger_s
+    def __init__(
+        self, scene: viser.SceneApi, name: str, linger_s: float = PARSE_S, step: float = 0.0
+    ) -> None:
+        """linger_s : for how long the old one stays; step : metres by which the new one lies above it"""
+        self._scene, self._name, self._linger_s, self._step = scene, name, linger_s, step
         self._slots: dict[int, viser.GlbHandle] = {}
         self._shown: int | None = None
 
@@ -32,7 +35,9 @@ class SwapGlb:
             # few names in turn: viser remembers every name that ever was until somebody connects
             self._shown = 0 if old is None else (old + 1) % SLOTS
             name = f"{self._name}/{self._shown}"
-            self._slots[self._shown] = self._scene.add_glb(name, data, cast_shadow=False)
+            self._slots[self._shown] = self._scene.add_glb(
+                name, data, cast_shadow=False, position=(0.0, 0.0, self._step * self._shown)
+            )
         if old is not None and data is None:
             self._remove(old, self._slots[old])
         elif old is not None:

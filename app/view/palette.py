@@ -32,6 +32,7 @@ BACKDROP_BOTTOM: RGB = (66, 75, 84)
 SEEN: RGB = (240, 145, 40)
 HIDDEN: RGB = (38, 160, 150)
 UNKNOWN: RGB = (150, 152, 156)
+UNKNOWN_STRIPE: RGB = (116, 118, 124)
 
 GOAL: RGB = (244, 206, 66)
 START: RGB = (196, 206, 214)
@@ -87,6 +88,25 @@ def cost_colours(cost: np.ndarray) -> np.ndarray:
     rgba[forbidden] = (*COST_FORBIDDEN, 205)
     rgba[np.isnan(cost), 3] = 0
     return rgba
+
+
+_EXPOSURE_STOPS = np.array([HIDDEN, (232, 224, 196), SEEN], float)
+_COUNT_STOPS = np.array(
+    [HIDDEN, (250, 202, 126), SEEN, (216, 98, 22), (168, 58, 14), (116, 28, 22)], np.uint8
+)
+
+
+def exposure_colours(exposure: np.ndarray) -> np.ndarray:
+    """(n, 3) uint8 of exposures from 0, hidden, to 1, in plain view; pale where half the light comes
+    through."""
+    stops = np.linspace(0.0, 1.0, len(_EXPOSURE_STOPS))
+    parts = [np.interp(exposure, stops, _EXPOSURE_STOPS[:, part]) for part in range(3)]
+    return np.round(np.column_stack(parts)).astype(np.uint8)
+
+
+def count_colours(most: int) -> np.ndarray:
+    """(most + 1, 3) uint8 by the number of observers: hidden, then ever deeper orange."""
+    return _COUNT_STOPS[np.minimum(np.arange(most + 1), len(_COUNT_STOPS) - 1)]
 
 
 def css(colour: RGB) -> str:

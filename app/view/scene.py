@@ -18,7 +18,8 @@ from app.view.driving import (
     RouteLayer,
     ScanLayer,
 )
-from app.view.ground import terrain_glb, water_glb
+from app.view.exposure_paint import Paper
+from app.view.ground import painted, terrain_glb, water_glb
 from app.view.layers import STYLES, Layer, LayerState
 from app.view.nodes import SwapGlb
 from app.view.robot import RobotNode
@@ -38,10 +39,17 @@ class MapMeshes:
     ground: bytes
     water: bytes | None
     cover: dict[tuple[CoverObject, ...], bytes]
+    paper: Paper
 
     @classmethod
     def of(cls, scenario: Scenario, heightmap: Heightmap) -> MapMeshes:
-        return cls(terrain_glb(heightmap), water_glb(heightmap), cover_chunks(scenario, heightmap))
+        picture = painted(heightmap)
+        return cls(
+            terrain_glb(heightmap, picture),
+            water_glb(heightmap),
+            cover_chunks(scenario, heightmap),
+            Paper.of(heightmap, picture),
+        )
 
 
 class Scene:
@@ -130,6 +138,8 @@ class Scene:
 
     def show_layer(self, layer: Layer, visible: bool) -> None:
         self._roots[layer].visible = visible
+        if layer is Layer.EXPOSURE:
+            self._observers.fill(not visible)
 
     def set_opacity(self, layer: Layer, opacity: float, heightmap: Heightmap) -> None:
         if layer is Layer.SIGHT:

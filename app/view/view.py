@@ -13,8 +13,11 @@ from collections.abc import Callable
 import viser
 
 from app.changes import Change
+from app.exposure_service import ExposureService
 from app.studio import Studio
 from app.view.camera import FIELD_OF_VIEW, Viewpoint, opening_view
+from app.view.exposure import ExposureShow
+from app.view.exposure_overlay import ExposureOverlay
 from app.view.keys import bind_keys
 from app.view.layers import Layer, LayerState
 from app.view.picking import Picker
@@ -31,7 +34,9 @@ PANEL_HZ = 4.0
 class StudioView:
     """Owns the scene of a viser server and one `Viewer` for each browser that is connected."""
 
-    def __init__(self, studio: Studio, server: viser.ViserServer) -> None:
+    def __init__(
+        self, studio: Studio, server: viser.ViserServer, exposures: ExposureService | None = None
+    ) -> None:
         self.studio, self.server = studio, server
         self.layers = LayerState()
         self.picker = Picker()
@@ -43,12 +48,20 @@ class StudioView:
         self._tasks: set[asyncio.Task] = set()
         _dress(server)
         self.scene = Scene(server, self.layers)
+        overlay = ExposureOverlay(server.scene, f"/{Layer.EXPOSURE.value}", studio)
+        self.exposure = ExposureShow(studio, exposures or ExposureService(studio), overlay, self.layers)
         self._frame_camera()
-        self.scene.open(MapMeshes.of(studio.scenario, studio.heightmap))
+        meshes = MapMeshes.of(studio.scenario, studio.heightmap)
+        self.scene.open(meshes)
+        overlay.open(meshes.paper)
         self._edit()
         self._unsubscribe = studio.subscribe(self._changed)
         bind_keys(self)
         self._listen()
+
+    def start(self) -> None:
+        """Follow the exposure; on the studio's loop."""
+        self.exposure.show_layer(Layer.EXPOSURE)
 
     def close(self) -> None:
         """Stop drawing."""
@@ -111,6 +124,7 @@ class StudioView:
                 self._schedule_draw()
             case Change.STATUS if self.studio.frame is None:
                 self._edit()
+        self.exposure.hear(change)
         if change is not Change.FRAME:
             for viewer in self._viewers.values():
                 viewer.refresh(change)
@@ -125,6 +139,7 @@ class StudioView:
         self._drawn_map = heightmap
         self.picker.adopt(rays, heightmap, scenario.cover)
         self.scene.open(meshes)
+        self.exposure.open(meshes.paper)
         self._edit()
         self._frame_camera()
         for viewer in self._viewers.values():
@@ -168,6 +183,7 @@ class StudioView:
         """Show or hide a layer for everybody."""
         self.layers.visible[layer] = visible
         self.scene.show_layer(layer, visible)
+        self.exposure.show_layer(layer)
         if visible and self.studio.frame is not None:
             self._schedule_draw()
         self._layers_changed()
@@ -178,6 +194,7 @@ class StudioView:
             raise ValueError(f"opacity must be 0 to 1, got {opacity}")
         self.layers.opacity[layer] = opacity
         self.scene.set_opacity(layer, opacity, self.studio.heightmap)
+        self.exposure.show_layer(layer)
         if self.studio.frame is not None:
             self._schedule_draw()
         self._layers_changed()

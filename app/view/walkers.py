@@ -67,8 +67,9 @@ class Observers:
         self._known = Figures(scene, f"{figures}/known", "observer")
         self._unknown = Figures(scene, f"{figures}/unknown", "observer", palette.UNKNOWN)
         self._masts = Lines(scene, f"{figures}/masts", 0.08)
-        self._still = SwapGlb(scene, f"{sight}/still", OVERLAY_PARSE_S)
-        self._moving = SwapGlb(scene, f"{sight}/moving", OVERLAY_PARSE_S)
+        self._fans = scene.add_frame(f"{sight}/fans", show_axes=False)
+        self._still = SwapGlb(scene, f"{sight}/fans/still", OVERLAY_PARSE_S)
+        self._moving = SwapGlb(scene, f"{sight}/fans/moving", OVERLAY_PARSE_S)
         self._outlines = Lines(scene, f"{sight}/outlines", 0.05)
         self._labels: dict[int, viser.LabelHandle] = {}
         self._observers: dict[int, Observer] = {}
@@ -95,6 +96,10 @@ class Observers:
         self._place(heightmap)
         if abs(frame.time_s - self._sight_time) >= SIGHT_PERIOD_S:
             self._draw_sight(heightmap, frame.time_s)
+
+    def fill(self, filled: bool) -> None:
+        """Whether fields of view are filled, or only outlined where the exposure itself is shown."""
+        self._fans.visible = filled
 
     def set_opacity(self, opacity: float, heightmap: Heightmap) -> None:
         self._opacity = opacity

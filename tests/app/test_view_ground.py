@@ -8,7 +8,7 @@ import trimesh
 from PIL import Image
 
 from app.view import palette
-from app.view.ground import MAX_DRAWN, coarsened, paint, terrain_glb, water_glb
+from app.view.ground import MAX_DRAWN, coarsened, jpeg, painted, terrain_glb, water_glb
 from scenes.terrain import QUALITIES, SURFACES, Heightmap, Quality, Surface
 
 
@@ -24,12 +24,12 @@ def ground(rows: int = 24, cols: int = 40, resolution: float = 0.5, **cells) -> 
 
 def picture(heightmap: Heightmap) -> np.ndarray:
     """The painted texture, south first like the map."""
-    return np.asarray(Image.open(io.BytesIO(paint(heightmap))), float)[::-1]
+    return np.asarray(Image.open(io.BytesIO(jpeg(painted(heightmap)))), float)[::-1]
 
 
 def test_the_relief_has_the_map_s_own_triangles():
     heightmap = ground()
-    scene = trimesh.load_scene(io.BytesIO(terrain_glb(heightmap)), file_type="glb")
+    scene = trimesh.load_scene(io.BytesIO(terrain_glb(heightmap, painted(heightmap))), file_type="glb")
     relief = max(scene.geometry.values(), key=lambda mesh: len(mesh.faces))
     vertices, faces = heightmap.triangles()
     np.testing.assert_allclose(relief.triangles, vertices[faces], atol=1e-5)
@@ -74,7 +74,7 @@ def test_cells_without_data_are_plain_grey():
 
 
 def test_the_same_map_is_painted_the_same():
-    assert paint(ground()) == paint(ground())
+    assert np.array_equal(painted(ground()), painted(ground()))
 
 
 def test_water_is_a_level_sheet_over_the_wet_cells_alone():

@@ -139,7 +139,7 @@ def edit(view, command, *arguments):
 
 
 def test_the_scene_stands_before_anybody_looks(view, server):
-    for name in ("/terrain/ground/0", "/cover/tree_0/0", "/figures/observers/known", "/sight/still/0",
+    for name in ("/terrain/ground/0", "/cover/tree_0/0", "/figures/observers/known", "/sight/fans/still/0",
                  "/goal", "/start", "/robot/body", "/robot/front_left_wheel"):  # fmt: skip
         assert node(server, name) is not None, name
     assert tuple(node(server, "/robot").position) == (-3.0, 0.0, 0.0)
@@ -363,6 +363,7 @@ def test_many_objects_are_few_nodes(view, server):
 
 
 def test_keys_and_tools_belong_together():
-    digits = [style.key for style in STYLES.values() if style.key]
-    assert digits == list("123456789")
+    keys = [style.key for style in STYLES.values() if style.key]
+    assert [key for key in keys if key.isdigit()] == list("123456789")
+    assert len({*keys, *TOOL_KEYS}) == len(keys) + len(TOOL_KEYS)
     assert set(TOOL_KEYS.values()) | {Tool.ROBOT} == set(Tool) and set(HINTS) == set(Tool)

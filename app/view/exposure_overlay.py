@@ -1,0 +1,60 @@
+"""The overlay of who sees what: painted on a thread of its own, the newest wish and field win."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+import viser
+
+from app.changes import Overlay
+from app.exposure_service import Picture
+from app.studio import Studio
+from app.view.exposure_paint import Paper, Wish, overlay_glb
+from app.view.nodes import SwapGlb
+
+log = logging.getLogger(__name__)
+
+STEP = 0.002  # metres by which a new picture lies above the one that it replaces
+
+
+class ExposureOverlay:
+    """Lives on the studio's loop."""
+
+    def __init__(self, scene: viser.SceneApi, root: str, studio: Studio) -> None:
+        self._node = SwapGlb(scene, f"{root}/ground", step=STEP)
+        self._studio = studio
+        self._paper: Paper | None = None
+        self._wanted: tuple[Picture, Wish] | None = None
+        self._painting = False
+
+    def open(self, paper: Paper) -> None:
+        """Another map: what was drawn goes."""
+        self._paper = paper
+        self.clear()
+
+    def clear(self) -> None:
+        self._wanted = None
+        self._node.show(None)
+
+    def draw(self, picture: Picture, wish: Wish) -> None:
+        """Show this instead, as soon as it is painted."""
+        self._wanted = picture, wish
+        if not self._painting:
+            self._painting = True
+            self._studio.background(self._paint())
+
+    async def _paint(self) -> None:
+        try:
+            while self._wanted is not None and self._paper is not None:
+                (picture, wish), paper, self._wanted = self._wanted, self._paper, None
+                mesh = await asyncio.to_thread(overlay_glb, picture.field, wish, paper)
+                if paper is self._paper:
+                    self._node.show(mesh)
+                    self._studio.show_overlay(Overlay(picture.edits, picture.sharp))
+        except asyncio.CancelledError:
+            raise
+        except Exception:
+            log.exception("the exposure could not be drawn")
+        finally:
+            self._painting = False
