@@ -37,8 +37,8 @@ class DriverConfig:
     patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery
     backing, leaving : how far a recovery drives back and away
     recovery_limit : longest that a part of it takes
-    least_turn, least_way, slip_rate, most_slip : radians and metres a tick from which slip aside is learnt,
-        how fast, and the most metres for each radian or metre that are believed
+    slip_rate, most_slip, least_motion : how fast slip aside is learnt, the most metres a radian or a metre
+        that are believed, and the radians or metres a tick below which there is nothing to learn from
     corridor : how far a free direction is looked along
     recoveries : in one region, after which the robot is stuck; region : its radius
     """
@@ -53,9 +53,8 @@ class DriverConfig:
     backing: float = 0.7
     leaving: float = 1.5
     recovery_limit: float = 5.0
-    least_turn: float = 0.03
-    least_way: float = 0.01
-    slip_rate: float = 0.2
+    slip_rate: float = 0.3
+    least_motion: float = 0.01
     most_slip: float = 0.4
     corridor: float = 3.0
     region: float = 2.5
@@ -187,16 +186,13 @@ class Driver:
         middle = before.yaw + 0.5 * turned
         driven = abs(math.cos(middle) * dx + math.sin(middle) * dy)
         aside = math.cos(middle) * dy - math.sin(middle) * dx
-        slip, rate = self._slip, self.config.slip_rate
-        if abs(turned) >= self.config.least_turn:
-            seen = self._believed((aside - slip.driving * driven) / turned)
-            self._slip = replace(slip, turning=slip.turning + rate * (seen - slip.turning))
-        elif driven >= self.config.least_way:
-            seen = self._believed((aside - slip.turning * turned) / driven)
-            self._slip = replace(slip, driving=slip.driving + rate * (seen - slip.driving))
-
-    def _believed(self, slip: float) -> float:
-        return float(np.clip(slip, -self.config.most_slip, self.config.most_slip))
+        slip, most, motion = self._slip, self.config.most_slip, turned * turned + driven * driven
+        if motion < self.config.least_motion**2:
+            return
+        # Normalised least mean squares (Widrow and Hoff 1960) on both ways to slip at once.
+        step = self.config.slip_rate * (aside - slip.turning * turned - slip.driving * driven) / motion
+        turning, driving = slip.turning + step * turned, slip.driving + step * driven
+        self._slip = Slip(float(np.clip(turning, -most, most)), float(np.clip(driving, -most, most)))
 
     def _moves_on(self, percept: Percept) -> bool:
         mark = self._progress

@@ -12,9 +12,10 @@ from numba import njit
 
 COLLISION, CANNOT_STOP, MOVING_OBSTACLE, SLOPE, TILT, UNKNOWN_GROUND, OFF_THE_MAP = 1, 2, 3, 4, 5, 6, 7
 
-LEAVING_SLACK, LEAVING_FLOOR = 0.01, 0.8
-"""Metres that something may come nearer while the robot leaves a margin, for no turn keeps a distance
-exactly; and the share of the contact distance below which nothing may, and no arc may end nearer."""
+LEAVING_SLACK, LEAVING_FLOOR, LEAVING_GAIN = 0.01, 0.8, 0.01
+"""How the robot leaves a margin: metres that something may come nearer meanwhile, for no turn keeps a
+distance exactly; the share of the contact distance below which an arc must end farther away than it began, for
+a robot that may end nearer creeps into things bit by bit; and by how many metres."""
 
 
 @njit(cache=True)
@@ -41,9 +42,10 @@ def roll_out(
     tilt_limits : (2,) tangents of the greatest pitch and roll; both together count as a share of 1
 
     Returns paths (n, steps + 1, 5) of x, y, yaw and its cosine and sine, heading error at the end of the free
-    part (rad), least distance of a point to the core before contact (m), distance to the target at the end of
-    the free part (m), share of poses with a wheel on unknown ground, greatest share of the tilt limits, time
-    free of hazards (s), rejection (int8).
+    part (rad), least distance of a point to the core before contact (m; where the arc starts nearer than
+    `contact`, that at the end of the free part), distance to the target at the end of the free part (m), share
+    of poses with a wheel on unknown ground, greatest share of the tilt limits, time free of hazards (s),
+    rejection (int8).
     """
     n = v.shape[0]
     paths = np.empty((n, steps + 1, 5))
@@ -53,8 +55,7 @@ def roll_out(
     here = np.array([start[0], start[1], start[2], math.cos(start[2]), math.sin(start[2])])
     reach = math.hypot(half_size[0], half_size[1])
     start_distance = _least_distance(here, half_size, points)
-    floor = LEAVING_FLOOR * contact
-    leaving = min(start_distance, max(start_distance - LEAVING_SLACK, floor))
+    leaving, too_near = start_distance - LEAVING_SLACK, start_distance < LEAVING_FLOOR * contact
     # Where the robot is in a margin or stands on bad ground, it may leave slowly but not make it worse.
     discs = moving.copy()
     for j in range(moving.shape[0]):
@@ -86,12 +87,14 @@ def roll_out(
             )
             hazard = kind if kind != 0 else hazard
 
+        if start_distance < contact:
+            nearest[i] = _least_distance(path[free], half_size, points)
         free_time[i] = free * dt
         needed = reaction + max(_brake_time(v[i], braking[0]), _brake_time(w[i], braking[1]))
         if hazard == MOVING_OBSTACLE:
             # Standing still does not help against what comes nearer.
             rejection[i] = MOVING_OBSTACLE
-        elif start_distance < floor and _least_distance(path[free], half_size, points) < start_distance:
+        elif too_near and (v[i] != 0.0 or w[i] != 0.0) and nearest[i] < start_distance + LEAVING_GAIN:
             rejection[i] = COLLISION
         elif hazard != 0 and free_time[i] < needed:
             rejection[i] = CANNOT_STOP if hazard == COLLISION and free_time[i] > reaction else hazard

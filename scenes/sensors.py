@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numba
 import numpy as np
 
 from scenes.pose import Pose, Twist, wrap_angle
@@ -197,24 +198,42 @@ class SemanticCamera:
         origin = pose.to_world(config.mount.position)
         directions = self.directions @ pose.rotation.T.astype(np.float32)
         hits = rays.cast(origin, directions, config.max_range / float(self._cosines.min()))
-        depth = hits.distance * self._cosines
+        noise = np.zeros(0, np.float32)
         if config.noise > 0.0:
-            noise = rng.standard_normal(len(depth), dtype=np.float32)
-            hit = hits.body >= 0
-            depth[hit] += config.noise * depth[hit] ** 2 * noise[hit]
-        seen = (depth >= config.min_range) & (depth <= config.max_range)
-        classes = np.array([*(body.class_id for body in rays.bodies), -1], np.int32)
+            noise = np.float32(config.noise) * rng.standard_normal(len(directions), dtype=np.float32)
         shading = shade(rays, hits, origin, directions)
-        body = np.where(seen, hits.body, np.int32(-1))
+        depth, body, class_id = image_kernel(
+            hits.distance, hits.body, shading.surface, self._cosines, noise,
+            np.float32(config.min_range), np.float32(config.max_range),
+            np.array([body.class_id for body in rays.bodies], np.int32),
+        )  # fmt: skip
         return CameraImage(
-            np.where(seen, depth, np.float32(np.nan)).reshape(shape),
+            depth.reshape(shape),
             body.reshape(shape),
-            classes[body].reshape(shape),
-            np.where(seen, shading.surface, np.int8(-1)).reshape(shape),
+            class_id.reshape(shape),
+            shading.surface.reshape(shape),
             shading.rgb.reshape(*shape, 3),
             self.intrinsics,
             config.mount,
         )
+
+
+@numba.njit(cache=True)
+def image_kernel(distance, body, surface, cosines, noise, low, high, classes):
+    """Depth, instance and class by pixel (n,), in one pass; what is out of the camera's range is taken out of
+    `surface`, too. noise : (n,) metres at 1 m, or none."""
+    count = len(distance)
+    depths, labels = np.empty(count, np.float32), np.empty(count, np.int32)
+    class_ids = np.empty(count, np.int32)
+    for i in range(count):
+        depth = distance[i] * cosines[i]
+        if len(noise) and body[i] >= 0:
+            depth += depth * depth * noise[i]
+        if body[i] >= 0 and low <= depth <= high:
+            depths[i], labels[i], class_ids[i] = depth, body[i], classes[body[i]]
+        else:
+            depths[i], labels[i], class_ids[i], surface[i] = np.nan, -1, -1, -1
+    return depths, labels, class_ids
 
 
 @dataclass(frozen=True)

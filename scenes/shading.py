@@ -71,18 +71,21 @@ def shade_kernel(
     rgb = np.empty((count, 3), np.uint8)
     rows, columns = surface_map.shape
     for i in range(count):
-        if body[i] < 0:
-            rgb[i] = sky
+        hit = body[i]
+        if hit < 0:
+            rgb[i, 0], rgb[i, 1], rgb[i, 2] = sky[0], sky[1], sky[2]
             continue
-        if body[i] == 0:
+        if hit == 0:
             x = origin[0] + distance[i] * directions[i, 0]
             y = origin[1] + distance[i] * directions[i, 1]
             column = min(max(int(np.rint((x - place[0]) / place[2])), 0), columns - 1)
             row = min(max(int(np.rint((y - place[1]) / place[2])), 0), rows - 1)
-            surface[i] = surface_map[row, column]
-            colour = ground_colours[surface_map[row, column]]
+            kind = surface_map[row, column]
+            surface[i] = kind
+            red, green, blue = ground_colours[kind, 0], ground_colours[kind, 1], ground_colours[kind, 2]
         else:
-            colour = colours[starts[body[i]] + triangle[i]]
+            face = starts[hit] + triangle[i]
+            red, green, blue = colours[face, 0], colours[face, 1], colours[face, 2]
         nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
         length = np.sqrt(nx * nx + ny * ny + nz * nz)
         light = np.float32(0.0)
@@ -91,6 +94,7 @@ def shade_kernel(
             if nx * directions[i, 0] + ny * directions[i, 1] + nz * directions[i, 2] > 0.0:
                 light = -light
         bright = ambient + (np.float32(1.0) - ambient) * max(light, np.float32(0.0))
-        for c in range(3):
-            rgb[i, c] = np.uint8(np.rint(colour[c] * bright))
+        rgb[i, 0] = np.uint8(np.rint(red * bright))
+        rgb[i, 1] = np.uint8(np.rint(green * bright))
+        rgb[i, 2] = np.uint8(np.rint(blue * bright))
     return surface, rgb

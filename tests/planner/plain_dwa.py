@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planner.dwa_kernel import LEAVING_FLOOR, LEAVING_SLACK
+from planner.dwa_kernel import LEAVING_FLOOR, LEAVING_GAIN, LEAVING_SLACK
 from planner.frames import Rejection
 
 
@@ -34,7 +34,7 @@ def roll_out(
         near = gaps[i]
         limit = contact + speed_margin * abs(v[i])
         if abs(v[i]) <= escape_speed:
-            limit = min(limit, near[0], max(near[0] - LEAVING_SLACK, LEAVING_FLOOR * contact))
+            limit = min(limit, near[0] - LEAVING_SLACK)
         met = np.flatnonzero(np.minimum.accumulate(near)[1 : free + 1] < limit)
         if len(met):
             free, hazard = int(met[0]), Rejection.COLLISION
@@ -58,7 +58,10 @@ def roll_out(
         verdict = _verdict(
             v[i], w[i], hazard, free * dt, unknown_step, steps, dt, braking, reaction, creep_speed
         )
-        if near[free] < near[0] < LEAVING_FLOOR * contact and verdict != Rejection.MOVING_OBSTACLE:
+        if near[0] < contact:
+            nearest = near[free]
+        creeps = near[0] < LEAVING_FLOOR * contact and (v[i] or w[i]) and near[free] < near[0] + LEAVING_GAIN
+        if creeps and verdict != Rejection.MOVING_OBSTACLE:
             verdict = Rejection.COLLISION
         rows.append((nearest, unknown_poses / steps, tilt, free, verdict))
     nearest, unknown_share, tilt, free, rejection = (np.array(column) for column in zip(*rows, strict=True))

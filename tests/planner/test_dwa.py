@@ -86,9 +86,7 @@ def test_a_robot_that_pivots_about_its_rear_axle_is_foreseen_to_swing_its_middle
 
 @pytest.mark.parametrize("v", [0.5, -0.3])
 def test_a_robot_that_slides_down_a_side_slope_is_foreseen_to_drift(v):
-    rollout = evaluate(
-        CONFIG, np.array([v]), np.zeros(1), ORIGIN, (9, 9), NOTHING, slip=Slip(driving=-0.2)
-    )
+    rollout = evaluate(CONFIG, np.array([v]), np.zeros(1), ORIGIN, (9, 9), NOTHING, slip=Slip(driving=-0.2))
     assert rollout.arcs.poses[0, -1] == pytest.approx((2.0 * v, -0.2 * 2.0 * abs(v), 0.0))
 
 
@@ -97,9 +95,9 @@ def test_out_of_a_margin_the_robot_only_drives_where_it_does_not_come_nearer_in_
         y = 0.5 * HUSKY.width + share * CONFIG.contact_distance
         return Surroundings(np.column_stack([np.linspace(-3.0, 3.0, 121), np.full(121, y)]))
 
-    assert rejection_of(0.2, 0.0, wall(0.5)) is Rejection.NONE
-    assert rejection_of(0.2, 0.0, wall(0.5), slip=Slip(driving=0.1)) is Rejection.COLLISION
-    assert rejection_of(0.2, 0.1, wall(0.5)) is Rejection.COLLISION
+    assert rejection_of(0.2, 0.0, wall(0.9)) is Rejection.NONE
+    assert rejection_of(0.2, 0.0, wall(0.5)) is Rejection.COLLISION
+    assert rejection_of(0.2, 0.0, wall(0.5), slip=Slip(driving=-0.1)) is Rejection.NONE
     assert rejection_of(0.0, 0.0, wall(0.5)) is Rejection.NONE
 
 
