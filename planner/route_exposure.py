@@ -14,7 +14,7 @@ from planner.pace import Course
 from scenes.rays import RayScene
 from scenes.robot import HUSKY
 from scenes.scenario import Observer
-from scenes.stance import standing_pose
+from scenes.stance import standing_poses
 from scenes.terrain import Heightmap
 
 
@@ -60,10 +60,7 @@ def course_exposure(
 
 def _hulls(heightmap: Heightmap, course: Course) -> tuple[np.ndarray, np.ndarray]:
     """World points of the hull (n, 12, 3) and of the body's middle (n, 3) at each place."""
-    poses = [
-        standing_pose(heightmap, float(x), float(y), float(yaw))
-        for (x, y), yaw in zip(course.positions, course.yaw, strict=True)
-    ]
+    poses = standing_poses(heightmap, *course.positions.T, course.yaw)
     points = HUSKY.hull_points()
     hull = np.array([pose.to_world(points) for pose in poses]).reshape(-1, *points.shape)
     middles = np.array([pose.position for pose in poses]).reshape(-1, 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,15 +43,26 @@ WHEEL_CONTACTS = np.array([(AXLE_X, AXLE_Y), (AXLE_X, -AXLE_Y), (-AXLE_X, AXLE_Y
 def standing_pose(heightmap: Heightmap, x: float, y: float, yaw: float) -> Pose:
     """`pose_world_base` of a Husky at (x, y): tilted as the ground under its four wheels is on average, as
     low as it can be with no part of its underside in the ground."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
+    return standing_poses(heightmap, np.array([x]), np.array([y]), np.array([yaw]))[0]
+
+
+def standing_poses(heightmap: Heightmap, x: np.ndarray, y: np.ndarray, yaw: np.ndarray) -> list[Pose]:
+    """`standing_pose` at many places: x, y and yaw (n,)."""
+    places = [(float(x), float(y), float(yaw)) for x, y, yaw in zip(x, y, yaw, strict=True)]
+    if not places:
+        return []
+    cos, sin = np.array([(math.cos(yaw), math.sin(yaw)) for *_, yaw in places]).T[..., None]
     ground = heightmap.height_at(
-        x + cos * WHEEL_CONTACTS[:, 0] - sin * WHEEL_CONTACTS[:, 1],
-        y + sin * WHEEL_CONTACTS[:, 0] + cos * WHEEL_CONTACTS[:, 1],
+        x[:, None] + cos * WHEEL_CONTACTS[:, 0] - sin * WHEEL_CONTACTS[:, 1],
+        y[:, None] + sin * WHEEL_CONTACTS[:, 0] + cos * WHEEL_CONTACTS[:, 1],
     )
-    front, rear = ground[:2].mean(), ground[2:].mean()
-    left, right = ground[::2].mean(), ground[1::2].mean()
-    pitch = -math.atan2(front - rear, 2.0 * AXLE_X)
-    roll = math.atan2((left - right) * math.cos(pitch), 2.0 * AXLE_Y)
-    points = Pose(x, y, 0.0, roll, pitch, yaw).to_world(UNDERSIDE)
-    z = float(np.max(heightmap.height_at(points[:, 0], points[:, 1]) - points[:, 2]))
-    return Pose(x, y, z, roll, pitch, yaw)
+    front, rear = ground[:, :2].mean(axis=1), ground[:, 2:].mean(axis=1)
+    left, right = ground[:, ::2].mean(axis=1), ground[:, 1::2].mean(axis=1)
+    level = []
+    for (px, py, heading), rise, bank in zip(places, front - rear, left - right, strict=True):
+        pitch = -math.atan2(rise, 2.0 * AXLE_X)
+        roll = math.atan2(bank * math.cos(pitch), 2.0 * AXLE_Y)
+        level.append(Pose(px, py, 0.0, roll, pitch, heading))
+    points = np.stack([pose.to_world(UNDERSIDE) for pose in level])
+    z = np.max(heightmap.height_at(points[..., 0], points[..., 1]) - points[..., 2], axis=1)
+    return [replace(pose, z=float(height)) for pose, height in zip(level, z, strict=True)]

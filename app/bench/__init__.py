@@ -12,6 +12,7 @@ from app.bench.exposure import united_exposure
 from app.bench.line_of_sight import viewshed
 from app.bench.measure import Result
 from app.bench.planning import dwa_cycle
+from app.bench.routing import covert_route, space_time
 from app.bench.sensing import lidar_turn, scan_to_patch, semantic_image
 from app.bench.serving import click_to_goal
 
@@ -27,6 +28,8 @@ CASES: dict[str, Callable[[], Result]] = {
         click_to_goal,
         viewshed,
         united_exposure,
+        covert_route,
+        space_time,
     )
 }
 

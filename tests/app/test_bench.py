@@ -28,6 +28,8 @@ def test_the_cases_are_those_that_were_promised():
         "click_to_goal",
         "viewshed",
         "united_exposure",
+        "covert_route",
+        "space_time",
     ]
 
 
