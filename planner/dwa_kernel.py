@@ -14,8 +14,8 @@ COLLISION, CANNOT_STOP, MOVING_OBSTACLE, SLOPE, TILT, UNKNOWN_GROUND, OFF_THE_MA
 
 LEAVING_SLACK, LEAVING_FLOOR, LEAVING_GAIN = 0.01, 0.8, 0.01
 """How the robot leaves a margin: metres that something may come nearer meanwhile, for no turn keeps a
-distance exactly; the share of the contact distance below which an arc must end farther away than it began, for
-a robot that may end nearer creeps into things bit by bit; and by how many metres."""
+distance exactly; the share of the contact distance below which an arc must end farther away than it began,
+for a robot that may end nearer creeps into things bit by bit; and by how many metres."""
 
 
 @njit(cache=True)
@@ -43,9 +43,9 @@ def roll_out(
 
     Returns paths (n, steps + 1, 5) of x, y, yaw and its cosine and sine, heading error at the end of the free
     part (rad), least distance of a point to the core before contact (m; where the arc starts nearer than
-    `contact`, that at the end of the free part), distance to the target at the end of the free part (m), share
-    of poses with a wheel on unknown ground, greatest share of the tilt limits, time free of hazards (s),
-    rejection (int8).
+    `contact`, that at the end of the free part), distance to the target at the end of the free part (m),
+    share of poses with a wheel on unknown ground, greatest share of the tilt limits, time free of hazards
+    (s), rejection (int8).
     """
     n = v.shape[0]
     paths = np.empty((n, steps + 1, 5))
