@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from planner import evaluation
 from planner.evaluation import evaluate, specs, tabulate, wilson
 from planner.frames import Perception
+from planner.suites import Suite
 from scenes.scenario import Family
 
 
@@ -59,6 +60,41 @@ def test_means_over_no_success_are_left_out():
     assert row["trajectory_length_m"] is None and not math.isnan(row["success_rate"])
 
 
+def test_a_row_has_the_keys_that_others_rely_on():
+    (row,) = tabulate([mission(0)])
+    assert list(row) == [
+        *("terrain", "method", "suite", "observers", "perception", "missions", "successes", "success_rate"),
+        *("success_ci95", "trajectory_length_m", "length_ratio", "execution_time_s", "exposure_fraction"),
+        *("exposed_s", "longest_exposure_s", "detection_probability", "avoidable_removed"),
+        *("cover_fraction", "concealed_fraction", "collision_rate", "timeout_rate", "failures"),
+        "planner_ms_p50",
+    ]
+    # What older journals do not say was the random suite, with observers known and exposure not measured.
+    assert (row["suite"], row["observers"], row["exposed_s"]) == ("random", "known", None)
+
+
+def test_avoidable_seconds_are_those_of_all_missions_together():
+    seen = [
+        mission(0, exposed_s=4.0, shortest_s=10.0, bound_s=2.0),
+        mission(1, exposed_s=3.0, shortest_s=4.0, bound_s=2.0),
+        mission(2, "collided", exposed_s=0.0, shortest_s=50.0, bound_s=0.0),
+        mission(3, exposed_s=5.0, shortest_s=None, bound_s=None),
+    ]
+    (row,) = tabulate(seen)
+    assert row["avoidable_removed"] == pytest.approx((6.0 + 1.0) / (8.0 + 2.0))
+    (nothing,) = tabulate([mission(0, exposed_s=1.0, shortest_s=1.0, bound_s=1.0)])
+    assert nothing["avoidable_removed"] is None
+
+
+def test_suites_and_what_is_known_have_rows_of_their_own():
+    missions = [mission(0), mission(0, suite="covert"), mission(0, suite="covert", observers="unknown")]
+    assert [(row["suite"], row["observers"]) for row in tabulate(missions)] == [
+        ("covert", "known"),
+        ("covert", "unknown"),
+        ("random", "known"),
+    ]
+
+
 def test_the_order_of_finishing_does_not_change_the_table():
     missions = [mission(seed, terrain=terrain) for seed in range(4) for terrain in ("forest", "normal")]
     assert tabulate(missions) == tabulate(missions[::-1])
@@ -85,6 +121,19 @@ def test_finished_missions_are_taken_from_the_journal(tmp_path, wanted, monkeypa
     assert [m["status"] for m in results] == ["reached"] * 3 + ["stuck"]
     assert len(journal.read_text().splitlines()) == 4
     assert list(evaluate(wanted, 1, journal)) == results
+
+
+def test_a_journal_keeps_suites_apart(tmp_path, monkeypatch):
+    journal = tmp_path / "missions.jsonl"
+    kept = [mission(10, suite="covert", observers="known")]
+    journal.write_text("".join(json.dumps(m) + "\n" for m in kept))
+    driven = []
+    monkeypatch.setattr(
+        evaluation, "drive", lambda spec: driven.append(spec) or mission(spec.seed, suite=str(spec.suite))
+    )
+    for suite in Suite:
+        list(evaluate(specs(["dwa"], [Family.NORMAL], 1, 10, Perception.LIDAR, 12.0, suite), 1, journal))
+    assert [spec.suite for spec in driven] == [Suite.RANDOM]
 
 
 def test_a_journal_of_something_else_is_refused(tmp_path, wanted):

@@ -1,0 +1,68 @@
+"""Suites: the same missions for the same seed, reachable, and in `covert` cover matters."""
+
+import math
+
+import pytest
+
+from planner.covert_route import LONGEST, CovertPlanner
+from planner.posting import MOST_WATCHERS
+from planner.suites import LEAST_SEEN, MOST_LEFT, Knowledge, Suite, suite_mission
+from scenes.families import generate
+from scenes.scenario import Family
+from scenes.traversability import reachable
+
+GOAL_DISTANCE = 12.0
+
+
+@pytest.fixture(scope="module")
+def covert():
+    return {
+        terrain: suite_mission(Suite.COVERT, terrain, 1, Knowledge.KNOWN, GOAL_DISTANCE)
+        for terrain in (Family.NORMAL, Family.LOW)
+    }
+
+
+def test_random_missions_are_the_generated_scenes_as_they_come():
+    mission = suite_mission(Suite.RANDOM, Family.LOW, 4, Knowledge.KNOWN, GOAL_DISTANCE)
+    assert mission.scenario.to_json() == generate(Family.LOW, 4).to_json()
+    reference = mission.reference
+    assert reference.shortest_m >= GOAL_DISTANCE - 0.5 and reference.bound_s <= reference.shortest_s
+
+
+def test_on_a_covert_mission_cover_matters(covert):
+    for mission in covert.values():
+        scenario, reference = mission.scenario, mission.reference
+        start, goal = (scenario.start.x, scenario.start.y), (scenario.goal.x, scenario.goal.y)
+        planner = CovertPlanner(scenario.terrain.heightmap(), scenario.cover, scenario.observers)
+        yaw = math.radians(scenario.start.yaw)
+        shortest, hidden = planner.route(start, goal, 0.0, yaw), planner.bound(start, goal, yaw=yaw)
+        assert shortest.exposure_fraction >= LEAST_SEEN
+        assert hidden.exposed_s <= MOST_LEFT * shortest.exposed_s
+        assert hidden.length_m <= LONGEST * shortest.length_m
+        assert (reference.shortest_s, reference.bound_s) == (shortest.exposed_s, hidden.exposed_s)
+
+
+def test_covert_missions_can_be_driven_and_are_watched(covert):
+    for mission in covert.values():
+        scenario = mission.scenario
+        start, goal = (scenario.start.x, scenario.start.y), (scenario.goal.x, scenario.goal.y)
+        assert reachable(scenario.terrain.heightmap(), scenario.cover, start, goal)
+        assert 1 <= len(scenario.observers) <= MOST_WATCHERS
+        assert [observer.id for observer in scenario.observers] == list(range(1, len(scenario.observers) + 1))
+        assert all(observer.known for observer in scenario.observers)
+
+
+def test_a_seed_gives_the_same_mission_again(covert):
+    suite_mission.cache_clear()
+    again = suite_mission(Suite.COVERT, Family.NORMAL, 1, Knowledge.KNOWN, GOAL_DISTANCE)
+    assert again.scenario.to_json() == covert[Family.NORMAL].scenario.to_json()
+    assert again.reference == covert[Family.NORMAL].reference
+
+
+def test_unknown_observers_differ_in_nothing_else(covert):
+    known = covert[Family.NORMAL]
+    unknown = suite_mission(Suite.COVERT, Family.NORMAL, 1, Knowledge.UNKNOWN, GOAL_DISTANCE)
+    assert not any(observer.known for observer in unknown.scenario.observers)
+    told = tuple(observer.model_copy(update={"known": True}) for observer in unknown.scenario.observers)
+    assert unknown.scenario.revised(observers=told).to_json() == known.scenario.to_json()
+    assert unknown.reference == known.reference
