@@ -57,19 +57,24 @@ def test_only_the_physics_module_knows_pybullet() -> None:
 
 def test_every_dependency_is_used_and_every_import_declared() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    module_of = {"pillow": "PIL", "python-multipart": "python_multipart"}
+    module_of = {"pillow": "PIL", "python-multipart": "python_multipart", "xarray-spatial": "xrspatial"}
     through_others = {"python_multipart"}  # fastapi's form parser imports it
-    declared = {
-        module_of.get(name, name)
-        for requirement in project["dependencies"]
-        for name in [requirement.split("[")[0].split("=")[0].split(">")[0].strip()]
-    }
+    declared, for_the_bench = (
+        {
+            module_of.get(name, name)
+            for requirement in requirements
+            for name in [requirement.split("[")[0].split("=")[0].split(">")[0].strip()]
+        }
+        for requirements in (project["dependencies"], project["optional-dependencies"]["bench"])
+    )
     used = set().union(*(imported(path) for floor in FLOORS for path in modules(floor)))
     assert declared - through_others <= used, "declared and not used"
     # pybullet brings pybullet_data; starlette is fastapi's own base, pydantic_core pydantic's
     brought = {"pybullet_data", "starlette", "pydantic_core", "static"}
     foreign = used - FLOORS - set(sys.stdlib_module_names) - brought
-    assert foreign <= declared, "used and not declared"
+    assert foreign - declared <= for_the_bench, "used and not declared"
+    optional = {path for floor in FLOORS for path in modules(floor) if imported(path) & for_the_bench}
+    assert {path.relative_to(ROOT).parts[:2] for path in optional} == {("app", "bench")}
 
 
 def test_the_top_level_holds_nothing_else() -> None:
