@@ -21,8 +21,8 @@ from scenes.rays import RayScene
 from scenes.scenario import CoverObject, MovingObstacle, Observer
 from scenes.terrain import Heightmap
 
-LARGEST = 256  # cells a side
-QUICK_RAYS = 60_000
+LARGEST = 320  # cells a side
+QUICK_RAYS = 100_000
 """Lines of sight that take no longer than a person's hand notices."""
 AT_A_TIME = 4  # observers between two looks at whether the answer is still wanted
 AVERAGED_RAYS = 4_000_000

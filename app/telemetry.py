@@ -26,6 +26,7 @@ WINDOW_S = 1.05  # a little over a second, so that ten sent within a second arri
 MOST_IN_WINDOW = 10
 FRAMES_IN_WINDOW = 7  # three are kept for what people change
 FRAME_GAP_S = 0.125
+DRAG_GAP_S = 0.2  # edits that follow each other sooner belong to one movement of a hand
 STALL_S = 10.0
 
 
@@ -174,16 +175,32 @@ class Pace:
 
 
 class _Listener:
-    """One reader's pending news."""
+    """One reader's pending news, and whether somebody waits for them."""
 
-    def __init__(self) -> None:
+    def __init__(self, studio: Studio) -> None:
+        self._studio = studio
+        self._edited_at = -math.inf
         self.news = asyncio.Event()
         self.urgent = asyncio.Event()
 
     def hear(self, change: Change) -> None:
         self.news.set()
-        if change is not Change.FRAME:
+        if self._awaited(change):
             self.urgent.set()
+
+    def _awaited(self, change: Change) -> bool:
+        """A drag's many edits and their pictures may wait for their turn, or they would use up the turns of
+        what ends it."""
+        match change:
+            case Change.FRAME | Change.EXPOSURE:
+                return False
+            case Change.OVERLAY:
+                overlay = self._studio.overlay
+                return overlay is not None and overlay.edits == self._studio.edits
+            case Change.EDITED:
+                before, self._edited_at = self._edited_at, time.monotonic()
+                return self._edited_at - before > DRAG_GAP_S
+        return True
 
     def heard(self) -> None:
         self.news.clear()
@@ -193,7 +210,7 @@ class _Listener:
 async def stream(websocket: WebSocket, studio: Studio, revisions: Revisions) -> None:
     """Serve one reader until it goes: the present state at once, then every change at its pace."""
     await websocket.accept()
-    listener = _Listener()
+    listener = _Listener(studio)
     unsubscribe = studio.subscribe(listener.hear)
     try:
         await first_to_end(_tell(websocket, studio, revisions, listener), _until_gone(websocket))

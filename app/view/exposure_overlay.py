@@ -47,14 +47,23 @@ class ExposureOverlay:
     async def _paint(self) -> None:
         try:
             while self._wanted is not None and self._paper is not None:
-                (picture, wish), paper, self._wanted = self._wanted, self._paper, None
-                mesh = await asyncio.to_thread(overlay_glb, picture.field, wish, paper)
-                if paper is self._paper:
-                    self._node.show(mesh)
-                    self._studio.show_overlay(Overlay(picture.edits, picture.sharp))
+                wanted, paper, self._wanted = self._wanted, self._paper, None
+                await self._send(wanted, paper, rough=True)
+                if self._wanted is None and self._up_to_date(wanted[0]):
+                    await self._send(wanted, paper, rough=False)
         except asyncio.CancelledError:
             raise
         except Exception:
             log.exception("the exposure could not be drawn")
         finally:
             self._painting = False
+
+    async def _send(self, wanted: tuple[Picture, Wish], paper: Paper, rough: bool) -> None:
+        (picture, wish), sheet = wanted, (paper.rough or paper) if rough else paper
+        mesh = await asyncio.to_thread(overlay_glb, picture.field, wish, sheet)
+        if paper is self._paper:
+            self._node.show(mesh)
+            self._studio.show_overlay(Overlay(picture.edits, picture.sharp and not rough))
+
+    def _up_to_date(self, picture: Picture) -> bool:
+        return picture.sharp and picture.edits == self._studio.edits

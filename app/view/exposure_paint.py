@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 from PIL import Image
 
 from app.view import palette
-from app.view.glb import Surface, glb
+from app.view.glb import Reskinned, Surface
 from app.view.ground import coarsened, jpeg
 from app.view.tone import for_screen
 from planner.exposure import SEEN, ExposureField
 from scenes.terrain import Heightmap
 
-MOST_PIXELS = 640
+MOST_PIXELS, ROUGH_PIXELS = 720, 320
 PIXELS_A_CELL = 4
 LIFT = 0.02
 OUTLINE = 0.5
@@ -51,27 +51,35 @@ class Paper:
     picture : (height, width, 3) uint8, south first, in colours as they are to be sent
     shade : (height, width) index into SHADES, how light the ground is beside its surroundings
     mesh : the drawn ground, a little lifted
+    rough : a smaller sheet of the same, for pictures that hold for a moment only
     """
 
     heightmap: Heightmap
     picture: np.ndarray
     shade: np.ndarray
-    mesh: Surface
+    mesh: Reskinned
+    rough: Paper | None = None
 
     @classmethod
     def of(cls, heightmap: Heightmap, picture: np.ndarray) -> Paper:
         """Of the ground's picture, as `app.view.ground.painted`."""
+        mesh = Reskinned(_lifted(coarsened(heightmap)))
+        rough = cls._sheet(heightmap, picture, mesh, ROUGH_PIXELS)
+        return replace(cls._sheet(heightmap, picture, mesh, MOST_PIXELS), rough=rough)
+
+    @classmethod
+    def _sheet(cls, heightmap: Heightmap, picture: np.ndarray, mesh: Reskinned, most: int) -> Paper:
         rows, cols = heightmap.shape
-        scale = min(PIXELS_A_CELL, MOST_PIXELS / max(rows, cols))
+        scale = min(PIXELS_A_CELL, most / max(rows, cols))
         size = max(round(cols * scale), 2), max(round(rows * scale), 2)
         ground = Image.fromarray(picture).resize(size, Image.Resampling.BOX)
-        picture = np.asarray(ground)
-        light = picture.astype(np.float32).mean(axis=2)
-        about = np.asarray(Image.fromarray(light).reduce(16).resize(size, Image.Resampling.BICUBIC))
+        light = np.asarray(ground).astype(np.float32).mean(axis=2)
+        blurred = Image.fromarray(light).reduce(max(size[0] // 45, 1))
+        about = np.asarray(blurred.resize(size, Image.Resampling.BICUBIC))
         step = SHADES[1] - SHADES[0]
         shade = np.rint((light / np.maximum(about, 1.0) - SHADES[0]) / step).clip(0, len(SHADES) - 1)
-        screen = for_screen(picture.reshape(-1, 3)).reshape(picture.shape)
-        return cls(heightmap, screen, shade.astype(np.uint16), _lifted(coarsened(heightmap)))
+        screen = for_screen(np.asarray(ground).reshape(-1, 3)).reshape(*shade.shape, 3)
+        return cls(heightmap, screen, shade.astype(np.uint16), mesh)
 
 
 def _lifted(ground: Heightmap) -> Surface:
@@ -85,9 +93,7 @@ def _lifted(ground: Heightmap) -> Surface:
 
 def overlay_glb(field: ExposureField, wish: Wish, paper: Paper) -> bytes:
     """The ground with the exposure over it, as a mesh."""
-    mesh = paper.mesh
-    texture = jpeg(painted_exposure(field, wish, paper))
-    return glb(Surface(mesh.vertices, mesh.faces, uv=mesh.uv, texture=texture, unlit=True))
+    return paper.mesh.glb(jpeg(painted_exposure(field, wish, paper)))
 
 
 def painted_exposure(field: ExposureField, wish: Wish, paper: Paper) -> np.ndarray:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 import struct
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ class Surface:
     vertices : (n, 3) metres; faces : (m, 3) indices, counter-clockwise seen from outside
     colours : (n, 3) or (n, 4) uint8 sRGB, straight alpha, or None for white
     normals : (n, 3) unit vectors for smooth shading, or None for facets
-    uv, texture : (n, 2) with v downwards, and the bytes of a JPEG or PNG
+    uv, texture : (n, 2) from 0 to 1 with v downwards, and the bytes of a JPEG or PNG
     unlit : drawn in its own colour whatever the light; blended : alpha below 1 lets through what is behind
     """
 
@@ -103,6 +104,21 @@ def glb(*surfaces: Surface) -> bytes:
     return document.encode()
 
 
+class Reskinned:
+    """A mesh whose texture changes often: its geometry is encoded once."""
+
+    def __init__(self, surface: Surface) -> None:
+        self._surface = surface
+        self._geometry = _Document()
+        self._primitive = self._geometry.primitive(surface)
+
+    def glb(self, texture: bytes) -> bytes:
+        """The mesh with a JPEG or PNG on it."""
+        document = self._geometry.copy()
+        document.skin(replace(self._surface, texture=texture), self._primitive)
+        return document.encode()
+
+
 class _Document:
     def __init__(self) -> None:
         self._chunks: list[bytes] = []
@@ -118,21 +134,33 @@ class _Document:
             "bufferViews": [],
         }
 
+    def copy(self) -> _Document:
+        other = _Document()
+        other._chunks, other._length, other._json = [*self._chunks], self._length, deepcopy(self._json)
+        return other
+
     def add(self, surface: Surface) -> None:
+        self.skin(surface, self.primitive(surface))
+
+    def primitive(self, surface: Surface) -> dict[str, Any]:
+        """The geometry alone."""
         attributes = {"POSITION": self._accessor(surface.vertices.astype("<f4"), "VEC3", bounds=True)}
         if surface.normals is not None:
             attributes["NORMAL"] = self._accessor(surface.normals.astype("<f4"), "VEC3")
         if surface.uv is not None:
-            attributes["TEXCOORD_0"] = self._accessor(surface.uv.astype("<f4"), "VEC2")
+            uv = np.round(65535.0 * surface.uv).astype("<u2")
+            attributes["TEXCOORD_0"] = self._accessor(uv, "VEC2", normalized=True)
         if surface.colours is not None:
             attributes["COLOR_0"] = self._accessor(_light(surface), "VEC4", normalized=True)
         index = "<u2" if len(surface.vertices) < 2**16 else "<u4"
         faces = self._accessor(surface.faces.astype(index).reshape(-1), "SCALAR", target=_ELEMENT_BUFFER)
+        return {"attributes": attributes, "indices": faces}
+
+    def skin(self, surface: Surface, primitive: dict[str, Any]) -> None:
+        """A node of the geometry in the surface's material."""
         index = len(self._json["meshes"])
         self._json["materials"].append(self._material(surface))
-        self._json["meshes"].append(
-            {"primitives": [{"attributes": attributes, "indices": faces, "material": index}]}
-        )
+        self._json["meshes"].append({"primitives": [primitive | {"material": index}]})
         self._json["nodes"].append({"mesh": index})
         self._json["scenes"][0]["nodes"].append(index)
 

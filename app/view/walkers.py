@@ -77,6 +77,7 @@ class Observers:
         self._still_key: object = None
         self._sight_time = -math.inf
         self._opacity = 0.6
+        self._filled = True
 
     def edit(self, scenario: Scenario, heightmap: Heightmap, time_s: float) -> None:
         self._observers = {observer.id: observer for observer in scenario.observers}
@@ -99,7 +100,9 @@ class Observers:
 
     def fill(self, filled: bool) -> None:
         """Whether fields of view are filled, or only outlined where the exposure itself is shown."""
-        self._fans.visible = filled
+        if filled != self._filled:
+            self._filled = self._fans.visible = filled
+            self._still_key = None
 
     def set_opacity(self, opacity: float, heightmap: Heightmap) -> None:
         self._opacity = opacity
@@ -137,7 +140,7 @@ class Observers:
     def _draw_sight(self, heightmap: Heightmap, time_s: float) -> None:
         still = [o for o in self._observers.values() if o.patrol is None]
         moving = [o for o in self._observers.values() if o.patrol is not None]
-        key = (tuple(still), id(heightmap))
+        key = (tuple(still), id(heightmap), self._filled)
         if key != self._still_key:
             self._still.show(self._sectors(still, heightmap))
             self._still_key = key
@@ -147,6 +150,8 @@ class Observers:
         self._sight_time = time_s
 
     def _sectors(self, observers: Iterable[Observer], heightmap: Heightmap) -> bytes | None:
+        if not self._filled:
+            return None
         surfaces = [sight_sector(o, self._poses[o.id], heightmap, self._opacity) for o in observers]
         return glb(merged(surfaces)) if surfaces else None
 
