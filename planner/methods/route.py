@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,27 +18,39 @@ from planner.frames import Decision, Percept, Status
 from planner.methods.dwa import GROUND_REACH
 from planner.no_route import NoRoute
 from planner.space_time import SpaceTimePlanner
-from scenes.pose import Twist
+from scenes.pose import Pose, Twist
 from scenes.rays import RayScene
 from scenes.scenario import Scenario
 
 MOST_HIDDEN_IN_TIME = 0.95
 """Exposure weight of plans against the clock: hidden seconds count, too, or it would wait for ever."""
 
-Choice = Callable[[CovertPlanner, Percept], CovertRoute]
+
+class Whereabouts(Protocol):
+    """Where the robot is and goes to, and when."""
+
+    @property
+    def time_s(self) -> float: ...
+    @property
+    def pose(self) -> Pose: ...
+    @property
+    def goal(self) -> tuple[float, float]: ...
+
+
+Choice = Callable[[CovertPlanner, Whereabouts], CovertRoute]
 """From the planner and where the robot is to the route to follow."""
 
 
-def shortest(planner: CovertPlanner, percept: Percept) -> CovertRoute:
+def shortest(planner: CovertPlanner, percept: Whereabouts) -> CovertRoute:
     return planner.route(*_ends(percept), 0.0, percept.pose.yaw)
 
 
-def balanced(planner: CovertPlanner, percept: Percept) -> CovertRoute:
+def balanced(planner: CovertPlanner, percept: Whereabouts) -> CovertRoute:
     """By the patrols' mean exposure, where there are any."""
     return planner.route(*_ends(percept), BALANCED, percept.pose.yaw)
 
 
-def most_hidden(planner: CovertPlanner, percept: Percept) -> CovertRoute:
+def most_hidden(planner: CovertPlanner, percept: Whereabouts) -> CovertRoute:
     """Against the clock where an observer walks, of at most twice the shortest's length where none does."""
     yaw, now = percept.pose.yaw, percept.time_s
     if not common_cycle(planner.observers):
@@ -50,7 +62,7 @@ def most_hidden(planner: CovertPlanner, percept: Percept) -> CovertRoute:
     return min(timed, *static, key=lambda way: way.exposed_s)
 
 
-def _ends(percept: Percept) -> tuple[tuple[float, float], tuple[float, float]]:
+def _ends(percept: Whereabouts) -> tuple[tuple[float, float], tuple[float, float]]:
     return (percept.pose.x, percept.pose.y), percept.goal
 
 
