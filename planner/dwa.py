@@ -48,7 +48,7 @@ class Weights:
     """
 
     heading: float = 0.3
-    clearance: float = 0.12
+    clearance: float = 0.3
     velocity: float = 0.25
     goal: float = 1.0
     unknown: float = 0.1
