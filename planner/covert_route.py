@@ -157,7 +157,8 @@ class CovertPlanner:
         along = (cos * east + sin * north) / math.tan(dwa.pitch_limit)
         across = (cos * north - sin * east) / math.tan(dwa.roll_limit)
         steep = self.costs.forbidden & (self.clearance >= self.config.cost.rim) & ~self.costs.unknown
-        near_steep = ndimage.distance_transform_edt(~steep, sampling=resolution) < self.config.wheel_room
+        steep_away = np.asarray(ndimage.distance_transform_edt(~steep, sampling=resolution))
+        near_steep = steep_away < self.config.wheel_room
         bad = (np.hypot(along, across) > self.config.lean) | (near_steep & steep.any())
         rim, room = self.config.cost.rim, self.config.turning_room
         return np.maximum(bad, np.clip((room - self.clearance) / (room - rim), 0.0, 1.0) ** 2)
@@ -178,6 +179,13 @@ class CovertPlanner:
         yaw : of the robot at the start, where turning to the route shall count in its figures
         Raises NoRoute where there is none, ValueError for a weight outside 0..1.
         """
+        points, cost = self.way(start, goal, weight)
+        return self.along(points, weight=weight, cost=cost, yaw=yaw)
+
+    def way(
+        self, start: tuple[float, float], goal: tuple[float, float], weight: float
+    ) -> tuple[np.ndarray, float]:
+        """Corners (k, 2) and cost of `route`, without the figures of a drive. Raises as it does."""
         if not 0.0 <= weight <= 1.0:
             raise ValueError(f"the exposure weight must be 0 to 1, got {weight:g}")
         seconds, begin, end = self._seconds(start, goal)
@@ -193,7 +201,11 @@ class CovertPlanner:
         kept, total = straighten(cost, self.costs.resolution, way, self.config.span)
         points = self.costs.centre(*way[kept].T)
         points[0], points[-1] = start, goal
-        return self.along(points, weight=weight, cost=float(total), yaw=yaw)
+        return points, float(total)
+
+    def duration(self, points: np.ndarray) -> float:
+        """Seconds that a drive along a way (k, 2) takes."""
+        return float(course(points, self.config.pace, self._clearance_at).seconds.sum())
 
     def alternatives(
         self, start: tuple[float, float], goal: tuple[float, float], yaw: float | None = None

@@ -75,13 +75,13 @@ def _lattice(planner: CovertPlanner, start: tuple[float, float], goal: tuple[flo
     costs = planner.costs
     step = max(1, round(LATTICE / costs.resolution))
     pick = (slice(None, None, step),) * 2
-    row, col = np.indices(costs.forbidden.shape)
-    points = costs.centre(row[pick], col[pick])
-    by_way = sum(np.hypot(*(points - end).T).T for end in np.array([start, goal]))
+    row, col = np.indices(costs.forbidden.shape)[:, ::step, ::step]
+    points = costs.centre(row, col)
+    by_way = sum(np.hypot(points[..., 0] - x, points[..., 1] - y) for x, y in (start, goal))
     use = ~costs.forbidden[pick] & (by_way <= 0.9 * LONGEST * math.dist(start, goal))
     ends = []
     for end in (start, goal):
-        index = int(np.argmin(np.hypot(*(points - end).T).T))
+        index = int(np.argmin(np.hypot(points[..., 0] - end[0], points[..., 1] - end[1])))
         use.flat[index] = True
         ends.append(index)
     return _Lattice(points, use, step * costs.resolution, *ends)

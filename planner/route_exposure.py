@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from scenes.robot import HUSKY
 from scenes.scenario import Observer
 from scenes.stance import standing_poses
 from scenes.terrain import Heightmap
+
+MOMENT = 0.5
+"""Seconds for which one who walks is taken to stand still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +48,11 @@ def course_exposure(
     hull, middles = _hulls(heightmap, course)
     light = np.zeros((len(observers), *hull.shape[:2]))
     hazard = np.zeros(len(middles))
-    for row, observer in zip(light, observers, strict=True):
+    for index, observer in enumerate(observers):
         for places, view in _views(observer, heightmap, course, begun_s):
-            row[places] = _light(rays, view, hull[places])
+            light[index, places] = seen = _light(rays, view, hull[places])
             distance = np.linalg.norm(middles[places] - view.eye, axis=1)
-            hazard[places] += model.hazard(row[places].mean(axis=1), distance)
+            hazard[places] += model.hazard(seen.mean(axis=1), distance)
     united = light.max(axis=0, initial=0.0).mean(axis=1)
     return CourseExposure(
         united,
@@ -60,7 +64,7 @@ def course_exposure(
 
 def _hulls(heightmap: Heightmap, course: Course) -> tuple[np.ndarray, np.ndarray]:
     """World points of the hull (n, 12, 3) and of the body's middle (n, 3) at each place."""
-    poses = standing_poses(heightmap, *course.positions.T, course.yaw)
+    poses = standing_poses(heightmap, course.positions[:, 0], course.positions[:, 1], course.yaw)
     points = HUSKY.hull_points()
     hull = np.array([pose.to_world(points) for pose in poses]).reshape(-1, *points.shape)
     middles = np.array([pose.position for pose in poses]).reshape(-1, 3)
@@ -70,12 +74,16 @@ def _hulls(heightmap: Heightmap, course: Course) -> tuple[np.ndarray, np.ndarray
 def _views(
     observer: Observer, heightmap: Heightmap, course: Course, begun_s: float
 ) -> Iterator[tuple[slice, View]]:
-    """(places, view) for all places of the course: one for them all unless the observer walks."""
+    """(places, view) for all places of the course: one for them all unless the observer walks, else one for
+    those of each `MOMENT`."""
     if observer.patrol is None:
         yield slice(None), views_at([observer], heightmap, 0.0)[0]
         return
-    for index, time_s in enumerate(course.times):
-        yield slice(index, index + 1), views_at([observer], heightmap, begun_s + float(time_s))[0]
+    moments = np.floor(course.times / MOMENT)
+    firsts = np.flatnonzero(np.diff(moments, prepend=-1.0))
+    for first, after in pairwise([*firsts.tolist(), len(moments)]):
+        time_s = begun_s + float(course.times[first:after].mean())
+        yield slice(first, after), views_at([observer], heightmap, time_s)[0]
 
 
 def _light(rays: RayScene, view: View, hull: np.ndarray) -> np.ndarray:

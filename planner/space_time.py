@@ -40,8 +40,8 @@ class SpaceTimeConfig:
     cell: float = 0.5
     sample: float = 1.0
     unhurried: float = 0.8
-    slack: float = 2.0
-    longest_wait: float = 30.0
+    slack: float = 1.8
+    longest_wait: float = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +82,9 @@ class SpaceTimePlanner:
         fine cells between, too."""
         fine = ~self.covert.costs.forbidden
         rows, cols = fine.shape
-        row, col = (index[self._pick] for index in np.indices(fine.shape))
+        row, col = np.indices(fine.shape)[:, :: self._step, :: self._step]
         free = np.ones((len(STEPS), *self.open.shape), bool)
-        for move, (dr, dc) in zip(free, STEPS, strict=True):
+        for move, (dr, dc) in zip(free, STEPS.tolist(), strict=True):
             for part in range(self._step + 1):
                 r, c = row + part * dr, col + part * dc
                 inside = (r >= 0) & (r < rows) & (c >= 0) & (c < cols)
@@ -139,10 +139,10 @@ class SpaceTimePlanner:
 
     def _graph(self, start: tuple[float, float], goal: tuple[float, float], weight: float) -> _Graph:
         covert = self.covert
-        quickest = covert.route(start, goal, 0.0)  # says clearly why there is none
+        quickest, _ = covert.way(start, goal, 0.0)  # says clearly why there is none
         if not 0.0 <= weight <= 1.0:
             raise ValueError(f"the exposure weight must be 0 to 1, got {weight:g}")
-        horizon = self.config.slack * quickest.duration_s + self.config.longest_wait
+        horizon = self.config.slack * covert.duration(quickest) + self.config.longest_wait
         ticks = math.ceil(horizon / self.tick_s)
         begin, end = self._nearest_open(start), self._nearest_open(goal)
         per_sample = max(1, round(self.config.sample / self.tick_s))
@@ -168,36 +168,33 @@ class SpaceTimePlanner:
 
     def _seen(self, useful: np.ndarray, times: np.ndarray) -> np.ndarray:
         """(times, cells) share of the robot that is seen in the cells that are of use, about: the mean over
-        its height and the cells about, for its body reaches into them. Observers who stand still are asked
-        once."""
-        covert = self.covert
-        ground = covert.grid.elevation[self._pick].ravel()
+        its height and the cells about, for its body reaches into them."""
+        ground = self.covert.grid.elevation[self._pick].ravel()
         heights = np.unique(HUSKY.hull_points()[:, 2])[[0, -1]]
         places = np.column_stack([self._centres(np.arange(ground.size)), ground])
         points = np.stack([places + np.array([0.0, 0.0, height]) for height in heights])
-        standing = [observer for observer in covert.observers if not beat_period(observer)]
-        walking = [observer for observer in covert.observers if beat_period(observer)]
         size = (len(times), *self.open.shape)
-        body = ndimage.binary_dilation(useful.reshape(size), BODY[None]).reshape(useful.shape)
-        ever = body.any(axis=0)
-        still = np.zeros((len(heights), ground.size), np.float32)
-        still[:, ever] = self._light(standing, points[:, ever], self.time_s)
-        seen = np.zeros(useful.shape, np.float32)
-        for row, use, time_s in zip(seen, body, times, strict=True):
-            light = np.maximum(still[:, use], self._light(walking, points[:, use], float(time_s)))
-            row[use] = light.mean(axis=0)
-        return ndimage.uniform_filter(seen.reshape(size), (1, *BODY.shape), mode="nearest").reshape(
+        body = np.asarray(ndimage.binary_dilation(useful.reshape(size), BODY[None])).reshape(useful.shape)
+        light = np.zeros((len(times), len(heights), ground.size), np.float32)
+        for observer in self.covert.observers:
+            for time_s, rows in _moments(observer, times):
+                use = body[rows].any(axis=0)
+                seen = self._light(observer, points[:, use], time_s)
+                for row in rows:
+                    light[row][:, use] = np.maximum(light[row][:, use], seen)
+        share = light.mean(axis=1).reshape(size)
+        return np.asarray(ndimage.uniform_filter(share, axes=(1, 2), size=len(BODY), mode="nearest")).reshape(
             useful.shape
         )
 
-    def _light(self, observers: list[Observer], points: np.ndarray, time_s: float) -> np.ndarray:
-        """Share of light (heights, n) from points (heights, n, 3) to whom sees them best."""
+    def _light(self, observer: Observer, points: np.ndarray, time_s: float) -> np.ndarray:
+        """(heights, n) share of light from points (heights, n, 3) to an observer."""
         flat = points.reshape(-1, 3)
         light = np.zeros(len(flat), np.float32)
-        for view in views_at(observers, self.covert.heightmap, time_s):
-            held = view.holds(flat) & (light < 1.0)
-            if held.any():
-                light[held] = np.maximum(light[held], self.covert.rays.visible(view.eye, flat[held]))
+        view = views_at([observer], self.covert.heightmap, time_s)[0]
+        held = view.holds(flat)
+        if held.any():
+            light[held] = self.covert.rays.visible(view.eye, flat[held])
         return light.reshape(points.shape[:2])
 
     def _useful(self, begin: int, end: int, sample_of: np.ndarray) -> np.ndarray:
@@ -274,6 +271,18 @@ class SpaceTimePlanner:
             waits,
             times,
         )
+
+
+def _moments(observer: Observer, times: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    """Moments at which to look at what an observer sees, each with the indices of the `times` (n,) that it
+    stands for: one where nobody walks, else as many a beat as there are times in it."""
+    beat = beat_period(observer)
+    if not beat:
+        return [(0.0, np.arange(len(times)))]
+    spacing = float(times[1] - times[0]) if len(times) > 1 else beat
+    count = max(1, round(beat / spacing))
+    phase = np.floor(times % beat / beat * count).astype(int) % count
+    return [((now + 0.5) * beat / count, np.flatnonzero(phase == now)) for now in np.unique(phase)]
 
 
 def _corners(points: np.ndarray, times: np.ndarray) -> np.ndarray:

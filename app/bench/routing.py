@@ -65,8 +65,12 @@ def space_time() -> Result:
         SPACE_TIME_BUDGET_MS,
         "the 2 s that a plan may take",
         f"at {kept} of {len(moments)} moments of the beats no dearer than the best static way"
-        f" (that one costs {', '.join(f'{margin:.2f} ×' for margin in margins)})",
+        f" (that one costs {', '.join(_times_as_much(margin) for margin in margins)})",
     )
+
+
+def _times_as_much(margin: float) -> str:
+    return f"{margin:.2f} ×" if math.isfinite(margin) else "more time than there is"
 
 
 def _scenario() -> Scenario:
@@ -105,7 +109,8 @@ def _as_exhaustive(seed: int) -> bool:
 def _cheapest_way(cost: np.ndarray) -> float:
     """Cost of the cheapest way without a repeated cell from the first cell to the last, all of them tried."""
     _, rows, cols = cost.shape
-    open_ways, least = [(0.0, (0,))], math.inf
+    least = math.inf
+    open_ways: list[tuple[float, tuple[int, ...]]] = [(0.0, (0,))]
     while open_ways:
         so_far, way = heapq.heappop(open_ways)
         row, col = divmod(way[-1], cols)
