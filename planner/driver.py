@@ -156,7 +156,10 @@ class Driver:
         reach = math.dist(target, (percept.pose.x, percept.pose.y))
         horizon = float(np.clip(0.95 * reach / max_speed, self.config.shortest_horizon, dwa.horizon))
         v, w = candidates(dwa, percept.twist)
-        dwa = replace(dwa, horizon=horizon)
+        # What stands beside the goal must not keep the robot from it.
+        near = min(1.0, percept.goal_distance / dwa.clearance_reach)
+        weights = replace(dwa.weights, clearance=near * dwa.weights.clearance)
+        dwa = replace(dwa, horizon=horizon, weights=weights)
         return evaluate(dwa, v, w, percept.pose, target, around, max_speed, self._slip)
 
     def _words(self, percept: Percept) -> str:
