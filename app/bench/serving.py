@@ -60,8 +60,8 @@ def drag_to_overlay() -> Result:
         OVERLAY_BOUND_MS,
         "the 250 ms bound",
         f"{len(spent)} drags of {MOVES} moves among {len(scenario.observers)} observers on "
-        f"{scenario.terrain.heights.shape[0]}² cells; each ended with a picture of its last place, {sharp} of "
-        f"them sharp at once; median {percentile(spent, 50.0):.1f} ms; the mission was running in {running}",
+        f"{scenario.terrain.heights.shape[0]}² cells; each ended with a picture of its last place, {sharp} "
+        f"sharp at once; median {percentile(spent, 50.0):.1f} ms; the mission was running in {running}",
     )
 
 

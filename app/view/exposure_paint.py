@@ -1,4 +1,4 @@
-"""The exposure painted over the ground's own picture: orange seen, blue-green hidden, hatched grey unknown."""
+"""The exposure painted over the ground's own picture: seen orange, hidden blue-green, unknown hatching."""
 
 from __future__ import annotations
 

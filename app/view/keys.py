@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 TOOL_KEYS = {
     "G": Tool.GOAL, "S": Tool.START, "O": Tool.OBSERVER, "C": Tool.COVER, "P": Tool.PATROL,
-    "B": Tool.OBSTACLE, "M": Tool.MOVE, "R": Tool.ROTATE, "X": Tool.DELETE,
+    "B": Tool.OBSTACLE, "M": Tool.MOVE, "R": Tool.ROTATE, "X": Tool.DELETE, "E": Tool.EXPLAIN,
 }  # fmt: skip
 
 

@@ -14,6 +14,8 @@ class Layer(StrEnum):
     COVER = "cover"
     EXPOSURE = "exposure"
     SIGHT_LINES = "sight_lines"
+    COMPARED = "compared"
+    EXPLAINED = "explained"
     SIGHT = "sight"
     PATROLS = "patrols"
     SCAN = "scan"
@@ -38,6 +40,8 @@ class LayerStyle:
 STYLES: dict[Layer, LayerStyle] = {
     Layer.EXPOSURE: LayerStyle("Exposure: who sees what", "V", palette.SEEN, 0.6),
     Layer.SIGHT_LINES: LayerStyle("Sight lines to the robot", "L", palette.SEEN),
+    Layer.COMPARED: LayerStyle("Compared routes, watchers' posts", None, palette.ROUTES["route"]),
+    Layer.EXPLAINED: LayerStyle("Explained place", None, palette.HIDDEN),
     Layer.COVER: LayerStyle("Cover objects", "1", (88, 124, 70)),
     Layer.SIGHT: LayerStyle("Observers' sight", "2", palette.SEEN, 0.6),
     Layer.PATROLS: LayerStyle("Patrols", "3", (228, 190, 150)),

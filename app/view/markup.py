@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from html import escape
 
 from app.view import palette
@@ -49,6 +50,45 @@ def key(colour: palette.RGB, text: str, height: int = 3) -> str:
         '<div style="display:flex;align-items:center;gap:8px;margin:2px 0">'
         f'<span style="{sample}"></span>{escape(text)}</div>'
     )
+
+
+def chip(colour: palette.RGB, text: str) -> str:
+    """A sample of a colour with its meaning, beside others."""
+    sample = f"display:inline-block;width:12px;height:8px;border-radius:2px;background:{palette.css(colour)}"
+    return (
+        f'<span style="margin-right:10px;white-space:nowrap"><span style="{sample}"></span> '
+        f"{escape(text)}</span>"
+    )
+
+
+@dataclass(frozen=True)
+class Marked:
+    """A cell of a grid with its colour; one that `stands_out` is bold."""
+
+    text: str
+    colour: palette.RGB
+    stands_out: bool = False
+
+
+def grid(head: Sequence[str], rows: Iterable[Sequence[str | Marked]]) -> str:
+    """Rows of figures under a head; the first column is on the left, the others on the right."""
+    top = "".join(_cell("th", column, text) for column, text in enumerate(head))
+    lines = (
+        f"<tr>{''.join(_cell('td', column, text) for column, text in enumerate(row))}</tr>" for row in rows
+    )
+    return (
+        '<table style="width:100%;border-collapse:collapse;margin-top:6px;font-size:12px;'
+        f'font-variant-numeric:tabular-nums"><tr style="opacity:.65">{top}</tr>{"".join(lines)}</table>'
+    )
+
+
+def _cell(tag: str, column: int, content: str | Marked) -> str:
+    style = f"padding:2px 0 2px {6 if column else 0}px;text-align:{'right' if column else 'left'}"
+    if isinstance(content, str):
+        return f'<{tag} style="{style};font-weight:400">{escape(content)}</{tag}>'
+    weight = 700 if content.stands_out else 400
+    bar = f"border-left:4px solid {palette.css(content.colour)};padding-left:6px;font-weight:{weight}"
+    return f'<{tag} style="{style};{bar}">{escape(content.text)}</{tag}>'
 
 
 def scale(colours: Sequence[palette.RGB], low: str, high: str) -> str:

@@ -44,6 +44,15 @@ CHOSEN_ARC: RGB = (255, 246, 150)
 CANDIDATE_ARC: RGB = (190, 198, 190)
 WAYPOINT: RGB = (120, 200, 255)
 ROUTE: RGB = (120, 200, 255)
+ROUTES: dict[str, RGB] = {
+    "route_shortest": (250, 250, 246),
+    "route_balanced": (110, 190, 255),
+    "route": (236, 106, 196),
+}
+"""By the methods that follow them: the shortest, a balanced and the most hidden one."""
+REFUGE: RGB = (190, 255, 214)
+POST: RGB = (255, 232, 120)
+BLOCKED: RGB = (202, 64, 84)
 TRAVELLED: RGB = (236, 240, 244)
 SCAN_LOW: RGB = (92, 150, 214)
 SCAN_HIGH: RGB = (226, 242, 255)

@@ -11,6 +11,7 @@ from app.changes import Change
 from app.view import markup
 from app.view.desk import Desk
 from app.view.panel_drive import DriveTab
+from app.view.panel_exposure import ExposureTab
 from app.view.panel_layers import LayersTab
 from app.view.panel_plan import PlanTab
 from app.view.panel_scenarios import ScenariosTab
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Panel:
-    """The tabs Plan, Drive, Layers and Scenarios under a line that says which tool is held."""
+    """The tabs Plan, Drive, Exposure, Layers and Scenes under a line that says which tool is held."""
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
@@ -33,6 +34,8 @@ class Panel:
             self.plan = PlanTab(desk)
         with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
             self.drive = DriveTab(desk)
+        with tabs.add_tab("Exposure", viser.Icon.EYE):
+            self.exposure = ExposureTab(desk)
         with tabs.add_tab("Layers", viser.Icon.STACK_2):
             self.layers = LayersTab(desk)
         with tabs.add_tab("Scenes", viser.Icon.MAP_2):
@@ -73,7 +76,9 @@ class Panel:
         """Show what has changed."""
         if change in (Change.SELECTED, Change.EDITED, Change.OPENED):
             self.plan.refresh()
-        if change is not Change.SELECTED:
+        if change not in (Change.SELECTED, Change.EXPOSURE, Change.OVERLAY, Change.ROUTES):
             self.drive.refresh(change)
+        if change is not Change.OVERLAY:
+            self.exposure.refresh(change)
         if change in (Change.OPENED, Change.LIBRARY, Change.EDITED, Change.SETTINGS):
             self.scenarios.refresh(change)

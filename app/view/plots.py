@@ -26,7 +26,9 @@ class _Axes:
         v = HEIGHT - BOTTOM - (y - self._y[0]) / max(self._y[1] - self._y[0], 1e-9) * (HEIGHT - TOP - BOTTOM)
         return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(u, v, strict=True))
 
-    def line(self, x: np.ndarray, y: np.ndarray, colour: palette.RGB, width: float = 1.5, dash: str = "") -> None:
+    def line(
+        self, x: np.ndarray, y: np.ndarray, colour: palette.RGB, width: float = 1.5, dash: str = ""
+    ) -> None:
         dashes = f' stroke-dasharray="{dash}"' if dash else ""
         self.parts.append(
             f'<polyline points="{self.points(x, y)}" fill="none" stroke="{palette.css(colour)}" '
@@ -40,9 +42,8 @@ class _Axes:
 
     def spot(self, x: float, y: float, colour: palette.RGB) -> None:
         u, v = self.points(np.array([x]), np.array([y])).split(",")
-        self.parts.append(
-            f'<circle cx="{u}" cy="{v}" r="3.5" fill="{palette.css(colour)}" stroke="#1a1b1e" stroke-width="1"/>'
-        )
+        fill = palette.css(colour)
+        self.parts.append(f'<circle cx="{u}" cy="{v}" r="3.5" fill="{fill}" stroke="#1a1b1e"/>')
 
     def svg(self, low: str, high: str, x_low: str, x_high: str, title: str) -> str:
         right, base = WIDTH - RIGHT, HEIGHT - BOTTOM
@@ -85,7 +86,9 @@ def profile_svg(profile: SightProfile) -> str:
         at = float(np.hypot(*(profile.point - profile.eye)[:2]))
         before = profile.distance <= at
         height = float(profile.point[2])
-        axes.line(np.append(profile.distance[before], at), np.append(profile.sight[before], height), palette.HIDDEN)
+        axes.line(
+            np.append(profile.distance[before], at), np.append(profile.sight[before], height), palette.HIDDEN
+        )
         axes.line(
             np.append(at, profile.distance[~before]), np.append(height, profile.sight[~before]),
             palette.UNKNOWN, 1.2, "3 3",

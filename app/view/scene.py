@@ -18,6 +18,7 @@ from app.view.driving import (
     RouteLayer,
     ScanLayer,
 )
+from app.view.exposure_lines import SightLines
 from app.view.exposure_paint import Paper
 from app.view.ground import painted, terrain_glb, water_glb
 from app.view.layers import STYLES, Layer, LayerState
@@ -26,7 +27,7 @@ from app.view.robot import RobotNode
 from app.view.standing import CoverLayer, Markers, SelectionMark, cover_chunks, thing_label
 from app.view.walkers import Observers, Obstacles, Patrols
 from planner.frames import Frame
-from scenes.scenario import CoverObject, ObstacleSpec, Scenario
+from scenes.scenario import CoverObject, Observer, ObstacleSpec, Scenario
 from scenes.terrain import Heightmap
 
 FIGURES = "/figures"
@@ -75,6 +76,8 @@ class Scene:
         self._arcs = ArcsLayer(scene, f"/{Layer.ARCS.value}")
         self._route = RouteLayer(scene, f"/{Layer.ROUTE.value}")
         self._path = PathLayer(scene, f"/{Layer.PATH.value}")
+        self._sight_lines = SightLines(scene, f"/{Layer.SIGHT_LINES.value}")
+        self._watched: tuple[Observer, ...] = ()
         self._detections = DetectionsLayer(scene, f"/{Layer.DETECTIONS.value}")
         for layer, visible in layers.visible.items():
             self.show_layer(layer, visible)
@@ -94,6 +97,7 @@ class Scene:
         chosen = selection.id if selection is not None and selection.kind is Kind.COVER else None
         self._cover.edit(scenario, heightmap, chosen)
         self._observers.edit(scenario, heightmap, time_s)
+        self._watched = scenario.observers
         self._obstacles.edit(scenario, heightmap, time_s)
         self._patrols.edit(scenario, heightmap)
         self._markers.edit(scenario, heightmap)
@@ -103,7 +107,15 @@ class Scene:
             self._clear_drive()
 
     def _clear_drive(self) -> None:
-        for layer in (self._scan, self._cost, self._arcs, self._route, self._path, self._detections):
+        for layer in (
+            self._scan,
+            self._cost,
+            self._arcs,
+            self._route,
+            self._path,
+            self._detections,
+            self._sight_lines,
+        ):
             layer.clear()
 
     def mark(self, scenario: Scenario, heightmap: Heightmap, selection: Selection | None) -> None:
@@ -126,6 +138,7 @@ class Scene:
         self._obstacles.draw(frame, heightmap)
         self._path.draw(frame)
         drawings: dict[Layer, Callable[[], None]] = {
+            Layer.SIGHT_LINES: lambda: self._sight_lines.draw(frame, self._watched, heightmap),
             Layer.SCAN: lambda: self._scan.draw(frame),
             Layer.COST: lambda: self._cost.draw(frame, heightmap),
             Layer.ARCS: lambda: self._arcs.draw(frame, heightmap),

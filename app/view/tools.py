@@ -25,6 +25,7 @@ class Tool(StrEnum):
     ROTATE = "rotate"
     DELETE = "delete"
     ROBOT = "robot"
+    EXPLAIN = "explain"
 
 
 HINTS: dict[Tool, str] = {
@@ -38,6 +39,7 @@ HINTS: dict[Tool, str] = {
     Tool.ROTATE: "Click a thing, then turn it or click where it shall face",
     Tool.DELETE: "Click what shall go",
     Tool.ROBOT: "Click where to put the robot now",
+    Tool.EXPLAIN: "Click a place: who would see the robot there, and why",
 }
 
 

@@ -17,7 +17,6 @@ from app.exposure_service import ExposureService
 from app.studio import Studio
 from app.view.camera import FIELD_OF_VIEW, Viewpoint, opening_view
 from app.view.exposure import ExposureShow
-from app.view.exposure_overlay import ExposureOverlay
 from app.view.keys import bind_keys
 from app.view.layers import Layer, LayerState
 from app.view.picking import Picker
@@ -48,12 +47,13 @@ class StudioView:
         self._tasks: set[asyncio.Task] = set()
         _dress(server)
         self.scene = Scene(server, self.layers)
-        overlay = ExposureOverlay(server.scene, f"/{Layer.EXPOSURE.value}", studio)
-        self.exposure = ExposureShow(studio, exposures or ExposureService(studio), overlay, self.layers)
+        self.exposure = ExposureShow(
+            studio, server.scene, self.layers, exposures or ExposureService(studio)
+        )
         self._frame_camera()
         meshes = MapMeshes.of(studio.scenario, studio.heightmap)
         self.scene.open(meshes)
-        overlay.open(meshes.paper)
+        self.exposure.open(meshes.paper)
         self._edit()
         self._unsubscribe = studio.subscribe(self._changed)
         bind_keys(self)
@@ -66,6 +66,7 @@ class StudioView:
     def close(self) -> None:
         """Stop drawing."""
         self._unsubscribe()
+        self.exposure.close()
         if self._draw_due is not None:
             self._draw_due.cancel()
 

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import viser
 
-from app.changes import Change
+from app.changes import Change, StudioError
 from app.view import tools
 from app.view.camera import Eye, top_view
 from app.view.gizmo import Gizmo
 from app.view.panel import Panel
+from app.view.picking import Pick
 from app.view.tools import Armed, Tool
 from scenes.pose import Pose
 
@@ -56,7 +57,28 @@ class Viewer:
             pick = self.view.picker.pick(origin, direction, studio.scenario, studio.heightmap, studio.frame)
         except ValueError:
             return  # a ray that no mouse makes
+        if self._means_exposure(pick):
+            return
         tools.click(studio, self.armed, pick)
+
+    def _means_exposure(self, pick: Pick) -> bool:
+        """Whether a click asks for a place to be explained, or for a compared route to be followed."""
+        exposure = self.view.exposure
+        if self.armed.tool is Tool.EXPLAIN and pick.point is not None:
+            self.studio.background(self._explain(*pick.point))
+            return True
+        if self.armed.tool is None and pick.thing is None and pick.point is not None:
+            route = exposure.route_at(*pick.point)
+            if route is not None:
+                exposure.follow(route)
+                return True
+        return False
+
+    async def _explain(self, x: float, y: float) -> None:
+        try:
+            await self.view.exposure.explain(x, y)
+        except StudioError as error:
+            self.refuse(str(error))
 
     def delete_selected(self) -> None:
         if self.studio.selection is not None:

@@ -78,6 +78,7 @@ class Observers:
         self._sight_time = -math.inf
         self._opacity = 0.6
         self._filled = True
+        self._found: frozenset[int] = frozenset()
 
     def edit(self, scenario: Scenario, heightmap: Heightmap, time_s: float) -> None:
         self._observers = {observer.id: observer for observer in scenario.observers}
@@ -91,12 +92,25 @@ class Observers:
 
     def draw(self, frame: Frame, heightmap: Heightmap) -> None:
         truth = {pose.id: pose for pose in frame.observers if pose.id in self._observers}
+        self._find(frame, heightmap)
         if not any(self._observers[number].patrol for number in truth):
             return
         self._poses |= truth
         self._place(heightmap)
         if abs(frame.time_s - self._sight_time) >= SIGHT_PERIOD_S:
             self._draw_sight(heightmap, frame.time_s)
+
+    def _find(self, frame: Frame, heightmap: Heightmap) -> None:
+        """Those whom the robot's sensors have found meanwhile are drawn as known."""
+        found = frozenset(frame.percept.known_observers) if frame.percept is not None else frozenset()
+        if found != self._found:
+            self._found = found
+            self._still_key = None
+            self._place(heightmap)
+            self._draw_sight(heightmap, frame.time_s)
+
+    def _knows(self, observer: Observer) -> bool:
+        return observer.known or observer.id in self._found
 
     def fill(self, filled: bool) -> None:
         """Whether fields of view are filled, or only outlined where the exposure itself is shown."""
@@ -128,7 +142,7 @@ class Observers:
             pose = self._poses[number]
             ground = float(heightmap.height_at(pose.x, pose.y))
             feet = ground + max(observer.eye_height - EYE_OF_FIGURE, 0.0)
-            standing[observer.known].append(((pose.x, pose.y, feet), pose.yaw))
+            standing[self._knows(observer)].append(((pose.x, pose.y, feet), pose.yaw))
             if feet > ground + 0.3:
                 masts.append([(pose.x, pose.y, ground), (pose.x, pose.y, feet)])
             if number in self._labels:
@@ -152,7 +166,9 @@ class Observers:
     def _sectors(self, observers: Iterable[Observer], heightmap: Heightmap) -> bytes | None:
         if not self._filled:
             return None
-        surfaces = [sight_sector(o, self._poses[o.id], heightmap, self._opacity) for o in observers]
+        surfaces = [
+            sight_sector(o, self._poses[o.id], heightmap, self._opacity, self._knows(o)) for o in observers
+        ]
         return glb(merged(surfaces)) if surfaces else None
 
     def _draw_outlines(self, heightmap: Heightmap) -> None:
@@ -160,7 +176,7 @@ class Observers:
         for number, observer in self._observers.items():
             pieces = _inside(sight_outline(observer, self._poses[number], heightmap), heightmap)
             segments.append(pieces)
-            colours.append(np.tile(np.array(sight_colour(observer), np.uint8), (len(pieces), 1)))
+            colours.append(np.tile(np.array(sight_colour(self._knows(observer)), np.uint8), (len(pieces), 1)))
         if segments:
             self._outlines.show(np.concatenate(segments), np.concatenate(colours))
         else:
@@ -234,12 +250,14 @@ def _walker_pose(walker: Walker, heightmap: Heightmap, time_s: float) -> WalkerP
     return WalkerPose(getattr(walker, "id", 0), x, y, float(heightmap.height_at(x, y)), yaw)
 
 
-def sight_colour(observer: Observer) -> palette.RGB:
+def sight_colour(known: bool) -> palette.RGB:
     """Orange for an observer that the robot knows of, grey for one it has yet to find."""
-    return palette.SEEN if observer.known else palette.UNKNOWN
+    return palette.SEEN if known else palette.UNKNOWN
 
 
-def sight_sector(observer: Observer, pose: WalkerPose, heightmap: Heightmap, opacity: float) -> Surface:
+def sight_sector(
+    observer: Observer, pose: WalkerPose, heightmap: Heightmap, opacity: float, known: bool = True
+) -> Surface:
     """Field of view and range as a fan laid on the ground, strong about the observer, faint
     farther out so that the ground stays readable, clear beyond the map."""
     angles = _angles(observer, pose)
@@ -252,7 +270,7 @@ def sight_sector(observer: Observer, pose: WalkerPose, heightmap: Heightmap, opa
     inside = (xy[:, 0] >= west) & (xy[:, 0] <= east) & (xy[:, 1] >= south) & (xy[:, 1] <= north)
     fade = np.repeat(FAINTEST + (1.0 - FAINTEST) * np.exp(-radii / SIGHT_FADE), len(angles))
     colours = np.empty((len(xy), 4), np.uint8)
-    colours[:, :3] = sight_colour(observer)
+    colours[:, :3] = sight_colour(known)
     colours[:, 3] = np.round(210 * opacity * fade * inside)
     row, col = np.mgrid[0 : len(radii) - 1, 0 : len(angles) - 1]
     near = (row * len(angles) + col).ravel()

@@ -69,7 +69,7 @@ def test_every_reason_of_rejection_has_a_colour_and_words():
 def test_an_observer_s_sight_is_a_fan_on_the_ground_where_they_look(hill, known):
     observer = Observer(id=1, x=0.0, y=0.0, yaw=90.0, fov_horizontal=60.0, range=6.0, known=known)
     pose = WalkerPose(1, 0.0, 0.0, 0.0, np.pi / 2)
-    fan = sight_sector(observer, pose, hill, 0.5)
+    fan = sight_sector(observer, pose, hill, 0.5, known)
     bearing = np.degrees(np.arctan2(fan.vertices[:, 1], fan.vertices[:, 0]))
     assert bearing.min() >= 59.9 and bearing.max() <= 120.1
     assert np.hypot(*fan.vertices[:, :2].T).max() == pytest.approx(6.0)

@@ -139,7 +139,7 @@ def edit(view, command, *arguments):
 
 
 def test_the_scene_stands_before_anybody_looks(view, server):
-    for name in ("/terrain/ground/0", "/cover/tree_0/0", "/figures/observers/known", "/sight/fans/still/0",
+    for name in ("/terrain/ground/0", "/cover/tree_0/0", "/figures/observers/known", "/sight/outlines",
                  "/goal", "/start", "/robot/body", "/robot/front_left_wheel"):  # fmt: skip
         assert node(server, name) is not None, name
     assert tuple(node(server, "/robot").position) == (-3.0, 0.0, 0.0)
