@@ -22,6 +22,8 @@ from scenes.scenario import Family
 GROUPED_BY = {"terrain": "", "method": "", "suite": "random", "observers": "known", "perception": ""}
 """What makes a row of the table, with what missions mean that do not say."""
 
+WORTH_AVOIDING = 0.5
+
 
 @dataclass(frozen=True, order=True)
 class MissionSpec:
@@ -171,13 +173,16 @@ def _row(missions: list[dict[str, Any]]) -> dict[str, Any]:
 
 def avoidable_removed(missions: Iterable[dict[str, Any]]) -> float | None:
     """Share of the avoidable exposed seconds that the drives were spared, all missions' seconds together:
-    (shortest route's - driven) / (shortest route's - bound); None where nothing could be avoided."""
-    spared = avoidable = 0.0
+    (shortest route's - driven) / (shortest route's - bound).
+
+    None where hardly anything could be avoided, less than `WORTH_AVOIDING` seconds a mission."""
+    count, spared, avoidable = 0, 0.0, 0.0
     for mission in missions:
         if mission.get("bound_s") is not None and mission.get("exposed_s") is not None:
             spared += mission["shortest_s"] - mission["exposed_s"]
             avoidable += mission["shortest_s"] - mission["bound_s"]
-    return spared / avoidable if avoidable > 1e-9 else None
+            count += 1
+    return spared / avoidable if count and avoidable >= WORTH_AVOIDING * count else None
 
 
 def _mean(missions: Iterable[dict[str, Any]], key: str) -> float | None:
