@@ -208,7 +208,8 @@ def evaluate(
     ranked = np.column_stack([points, ranges])[np.argsort(ranges, kind="stable")]
     ground = surroundings.ground
     paths, heading, nearest, distance, unknown, tilt, free_time, rejection = roll_out(
-        v, w, np.array([slip.turning, slip.driving]), start, np.array(target, float), config.steps, config.dt, config.heading_share,
+        v, w, np.array([slip.turning, slip.driving]), start, np.array(target, float),
+        config.steps, config.dt, config.heading_share,
         np.array([config.braking, config.yaw_braking]), config.reaction, config.creep_speed,
         0.5 * np.array([config.footprint.length, config.footprint.width]), config.contact_distance,
         config.speed_margin, config.escape_speed, ranked,

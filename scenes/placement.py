@@ -152,7 +152,7 @@ def place_observers(
 def room_to_watch(
     ground: Heightmap, cover: Iterable[CoverSpec], route: Segment, points: np.ndarray
 ) -> np.ndarray:
-    """(n,) bool: at which points (n, 2) a watcher may stand, dry, clear of cover and a little off the route."""
+    """(n,) bool: at which points (n, 2) a watcher may stand, dry, clear of cover and off the route."""
     nowhere = np.full(len(points), np.inf)
     room = np.minimum.reduce([thing.footprint.distance(points) for thing in cover] or [nowhere])
     dry = ground.surface[ground.cells(*points.T)] != SURFACE_CODE[Surface.WATER]
