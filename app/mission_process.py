@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import threading
 import time
 from dataclasses import dataclass
 from multiprocessing import connection
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from planner.frames import Frame, Perception, Status
@@ -98,8 +100,8 @@ class Refused:
 class _Child:
     """The loop inside the worker process."""
 
-    def __init__(self, pipe: connection.Connection) -> None:
-        self.pipe = pipe
+    def __init__(self, pipe: connection.Connection, orders: SimpleQueue) -> None:
+        self.pipe, self.orders = pipe, orders
         self.mission: Mission | None = None
         self.generation = self.obeyed = 0
         self.playing = False
@@ -113,12 +115,14 @@ class _Child:
         while True:
             busy = self.playing and self.mission is not None and not self.mission.status.final
             wait = max(0.0, self.due - time.perf_counter()) if busy else 1.0
-            if self.pipe.poll(wait):
-                self.obey(self.pipe.recv())
-            elif busy:
-                self.tick()
-            else:
-                self.report()
+            try:
+                order = self.orders.get(timeout=wait) if wait > 0.0 else self.orders.get_nowait()
+            except Empty:
+                (self.tick if busy else self.report)()
+                continue
+            if order is None:
+                return  # the server has gone
+            self.obey(order)
 
     def obey(self, order: Any) -> None:
         try:
@@ -226,6 +230,16 @@ def child_main(pipe: connection.Connection, parent_end: connection.Connection) -
     parent_end.close()  # else this end would keep the pipe open after the server has gone
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's to handle
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the server has gone
+    orders: SimpleQueue = SimpleQueue()
+    threading.Thread(target=_take_orders, args=(pipe, orders), daemon=True).start()
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the server has gone
         warm_up()
-        _Child(pipe).run()
+        _Child(pipe, orders).run()
+
+
+def _take_orders(pipe: connection.Connection, orders: SimpleQueue) -> None:
+    """Read what the server sends as it comes: it must not wait while this side compiles or thinks."""
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            orders.put(pipe.recv())
+    orders.put(None)
