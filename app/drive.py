@@ -13,7 +13,9 @@ from app.changes import Change
 from app.mission_process import Progress
 from app.store import Store, StoreError
 from app.timeline import Timeline
+from app.wording import listed
 from app.workers import MissionWorker
+from planner.exposure_log import NOTICEABLE
 from planner.frames import Frame, Perception, Status
 from scenes.scenario import Scenario
 
@@ -181,5 +183,18 @@ class Drive:
                 return "ready: press play to drive to the goal"
             case Status.PAUSED:
                 return "paused"
-        words = self.frame.message if self.frame is not None else ""
-        return words or self.status.value.replace("_", " ")
+        words = (self.frame.message if self.frame is not None else "") or self.status.value.replace("_", " ")
+        watchers = self._watchers()
+        return f"{words}, seen by {watchers}" if watchers and self.status is Status.RUNNING else words
+
+    def _watchers(self) -> str:
+        """Who sees the robot now, in words; empty while nobody does."""
+        if self.frame is None or self._scenario is None:
+            return ""
+        names = {observer.id: observer.name for observer in self._scenario.observers}
+        seeing = [
+            names.get(watch.observer_id) or f"observer {watch.observer_id}"
+            for watch in self.frame.exposure.watches
+            if watch.fraction > NOTICEABLE
+        ]
+        return listed(seeing) if seeing else ""

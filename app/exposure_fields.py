@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
+from planner.belief import Belief
 from planner.exposure import (
     ExposureField,
     View,
@@ -17,6 +19,7 @@ from planner.exposure import (
     time_averaged,
     views_at,
 )
+from scenes.pose import Pose
 from scenes.rays import RayScene
 from scenes.scenario import CoverObject, MovingObstacle, Observer
 from scenes.terrain import Heightmap
@@ -26,6 +29,7 @@ QUICK_RAYS = 100_000
 """Lines of sight that take no longer than a person's hand notices."""
 AT_A_TIME = 4  # observers between two looks at whether the answer is still wanted
 AVERAGED_RAYS = 4_000_000
+BELIEF_SEED = 0
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,24 @@ class Moment:
         return math.ceil(max(self.heightmap.shape) / LARGEST)
 
 
+class Over(StrEnum):
+    """What a field is of: the moment, the mean over the patrols' beats, or what observers not yet seen may
+    see on the mean, by the belief over where they stand."""
+
+    NOW = "now"
+    BEATS = "beats"
+    BELIEF = "belief"
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a belief rests on: the robot's way, and the poses from which it has looked about."""
+
+    start: tuple[float, float]
+    goal: tuple[float, float]
+    poses: tuple[Pose, ...]
+
+
 class ExposureFields:
     """Lives on one thread."""
 
@@ -53,6 +75,7 @@ class ExposureFields:
         self._kept: dict[int, dict[View, np.ndarray]] = {}
         self._blank: dict[int, ExposureField] = {}
         self._averaged: tuple[object, ExposureField] | None = None
+        self._belief: tuple[object, Belief, int] | None = None
 
     def rays(self, moment: Moment) -> RayScene:
         """The moment's ray scene; only what has changed is built anew."""
@@ -111,6 +134,21 @@ class ExposureFields:
             field = time_averaged(rays, moment.heightmap, moment.observers, stride=stride)
             self._averaged = question, field
         return self._averaged[1]
+
+    def believed(self, moment: Moment, stride: int, search: Search) -> ExposureField:
+        """The chance that an observer who has not been seen yet sees a robot in each cell."""
+        rays, way = self.rays(moment), (search.start, search.goal)
+        question = (id(moment.heightmap), moment.cover, way)
+        if self._belief is None or self._belief[0] != question or self._belief[2] > len(search.poses):
+            rng = np.random.default_rng(BELIEF_SEED)
+            belief = Belief(rays, moment.heightmap, moment.cover, way, rng)
+            self._belief = question, belief, 0
+        _, belief, looked = self._belief
+        for pose in search.poses[looked:]:
+            belief.look(pose)
+        self._belief = question, belief, len(search.poses)
+        blank = exposure_field(rays, moment.heightmap, (), stride=stride)
+        return replace(blank, joint=belief.exposure(stride=stride))
 
     def affordable(self, moment: Moment) -> int:
         """Stride at which the mean over the beats takes about a second."""

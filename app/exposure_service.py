@@ -9,23 +9,26 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
 
 from app.changes import Change, StudioError
-from app.exposure_fields import ExposureFields, Moment
+from app.exposure_fields import ExposureFields, Moment, Over, Search
 from app.studio import Studio
 from planner.exposure import ExposureField, SightProfile, sight_profile, views_at
 from planner.frames import Status
+from scenes.pose import Pose
 from scenes.rays import RayScene
 from scenes.terrain import Heightmap
 
 log = logging.getLogger(__name__)
 
-MOTION_PERIOD_S = 0.5  # between pictures of what walks
-MOTION_STRIDE = 2
+MOTION_PERIOD_S = 0.8  # between pictures of what walks
+MOTION_STRIDE = BELIEF_STRIDE = 2
+LOOK_EVERY = 1.0  # metres driven between looks that a belief heeds
 
 Answer = TypeVar("Answer")
 
@@ -35,14 +38,14 @@ class Picture:
     """Who sees what, as last computed.
 
     edits : how many edits of the studio it heeds; sharp : whether every cell was looked at
-    averaged : whether it is the mean over the patrols' beats
+    over : the moment, the mean over the patrols' beats, or the belief over observers not yet seen
     """
 
     field: ExposureField
     heightmap: Heightmap
     edits: int
     sharp: bool
-    averaged: bool = False
+    over: Over = Over.NOW
 
 
 def present(studio: Studio) -> Moment:
@@ -66,7 +69,8 @@ class ExposureService:
         self._turn = asyncio.Lock()
         self._thread = ThreadPoolExecutor(1, "exposure")  # one: a request that is given up still runs on
         self._fields = ExposureFields()
-        self._averaged = False
+        self._over = Over.NOW
+        self._looks: list[Pose] = []
         self._stale = self._busy = False
         self._motion_due: asyncio.TimerHandle | None = None
         self._leave: Callable[[], None] | None = None
@@ -122,10 +126,10 @@ class ExposureService:
             self._leave()
             self._leave, self._stale = None, False
 
-    def average(self, averaged: bool) -> None:
-        """Whether `picture` shall be the mean over the patrols' beats."""
-        if averaged != self._averaged:
-            self._averaged = averaged
+    def show(self, over: Over) -> None:
+        """What `picture` shall be of."""
+        if over is not self._over:
+            self._over = over
             if self._leave is not None:
                 self._wake()
 
@@ -140,10 +144,24 @@ class ExposureService:
         if change in (Change.OPENED, Change.EDITED):
             self._wake()
         elif change in (Change.FRAME, Change.STATUS):
-            self._hear_motion()
+            moved = self._look_about() and self._over is Over.BELIEF
+            if moved or (self._over is Over.NOW and walking(self._studio)):
+                self._hear_motion()
+
+    def _look_about(self) -> bool:
+        """Note from where the robot has looked about; whether that is another place than the last."""
+        frame = self._studio.frame
+        if frame is None or frame.tick == 0:
+            self._looks.clear()
+            return False
+        pose = frame.pose
+        if self._looks and math.dist((pose.x, pose.y), (self._looks[-1].x, self._looks[-1].y)) < LOOK_EVERY:
+            return False
+        self._looks.append(pose)
+        return True
 
     def _hear_motion(self) -> None:
-        if self._motion_due is None and not self._averaged and walking(self._studio):
+        if self._motion_due is None:
             self._motion_due = asyncio.get_running_loop().call_later(MOTION_PERIOD_S, self._motion)
 
     def _motion(self) -> None:
@@ -170,31 +188,37 @@ class ExposureService:
             self._busy = False
 
     async def _compute(self) -> None:
-        studio, averaged = self._studio, self._averaged
+        studio, over = self._studio, self._over
         async with self._turn:
             moment, edits = present(studio), studio.edits
-            strides = await self._beside(lambda: self._strides(moment, averaged))
+            strides = await self._beside(lambda: self._strides(moment, over))
             for stride in strides:
                 # the first one is never given up: a hand that keeps moving would see nothing
                 wanted = stride == strides[0]
-                field = await self._beside(lambda: self._answer(moment, stride, averaged, wanted))  # noqa: B023
+                field = await self._beside(lambda: self._answer(moment, stride, over, wanted))  # noqa: B023
                 if field is None or studio.heightmap is not moment.heightmap:
                     return
-                self.picture = Picture(field, moment.heightmap, edits, stride == moment.finest, averaged)
+                self.picture = Picture(field, moment.heightmap, edits, stride == moment.finest, over)
                 studio.tell(Change.EXPOSURE)
                 if self._stale:
                     return
 
-    def _strides(self, moment: Moment, averaged: bool) -> tuple[int, ...]:
-        if averaged:
+    def _strides(self, moment: Moment, over: Over) -> tuple[int, ...]:
+        if over is Over.BELIEF:
+            return (BELIEF_STRIDE * moment.finest,)
+        if over is Over.BEATS:
             return (self._fields.affordable(moment),)
         if moment.time_s and self._studio.status is Status.RUNNING:
             return (MOTION_STRIDE * moment.finest,)
         return self._fields.strides(moment)
 
-    def _answer(self, moment: Moment, stride: int, averaged: bool, wanted: bool) -> ExposureField | None:
-        if averaged:
+    def _answer(self, moment: Moment, stride: int, over: Over, wanted: bool) -> ExposureField | None:
+        if over is Over.BEATS:
             return self._fields.averaged(moment, stride)
+        if over is Over.BELIEF:
+            start, goal = self._studio.scenario.start, self._studio.scenario.goal
+            search = Search((start.x, start.y), (goal.x, goal.y), tuple(self._looks))
+            return self._fields.believed(moment, stride, search)
         return self._fields.now(moment, stride, lambda: self._stale and not wanted)
 
     async def _beside(self, work: Callable[[], Answer]) -> Answer:

@@ -14,7 +14,7 @@ from app.bench.measure import Result
 from app.bench.planning import dwa_cycle
 from app.bench.routing import covert_route, space_time
 from app.bench.sensing import lidar_turn, scan_to_patch, semantic_image
-from app.bench.serving import click_to_goal
+from app.bench.serving import click_to_goal, drag_to_overlay
 
 CASES: dict[str, Callable[[], Result]] = {
     case.__name__: case
@@ -26,6 +26,7 @@ CASES: dict[str, Callable[[], Result]] = {
         tick,
         mission_speed,
         click_to_goal,
+        drag_to_overlay,
         viewshed,
         united_exposure,
         covert_route,

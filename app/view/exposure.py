@@ -10,6 +10,7 @@ import numpy as np
 import viser
 
 from app.changes import Change, Kind, StudioError
+from app.exposure_fields import Over
 from app.exposure_service import ExposureService, Picture
 from app.route_service import RouteService
 from app.studio import Studio
@@ -19,9 +20,10 @@ from app.view.exposure_paint import Paper, Show, Wish
 from app.view.layers import Layer, LayerState
 from planner.covert_route import CovertRoute
 from planner.exposure import SightProfile
-from planner.vantage import Vantage
+from planner.vantage import EYE_HEIGHT, RANGE, Vantage
 from scenes.scenario import ObserverSpec
 
+OVER = {Show.AVERAGED: Over.BEATS, Show.BELIEF: Over.BELIEF}
 NEAR_A_ROUTE = 0.6  # metres from its line that a click still means it
 
 
@@ -64,6 +66,8 @@ class ExposureShow:
         selection = self._studio.selection
         selected = selection.id if selection is not None and selection.kind is Kind.OBSERVER else None
         observer = selected if self.alone and selected is not None else self.wish.observer
+        if self.wish.show is Show.BELIEF:
+            observer = None
         return replace(self.wish, observer=observer, opacity=self._layers.opacity[Layer.EXPOSURE])
 
     def choose(self, show: Show, observer: int | None = None) -> None:
@@ -71,7 +75,7 @@ class ExposureShow:
         if observer is not None and not self._stands(observer):
             raise StudioError(f"there is no observer {observer}", 404)
         self.wish = replace(self.wish, show=show, observer=observer)
-        self._exposures.average(show is Show.AVERAGED)
+        self._exposures.show(OVER.get(show, Over.NOW))
         self._studio.tell(Change.EXPOSURE)
 
     def show_alone(self, alone: bool) -> None:
@@ -89,6 +93,8 @@ class ExposureShow:
         picture = self.picture
         if picture is None or picture.heightmap is not self._studio.heightmap:
             return
+        if picture.over is not OVER.get(self.wish.show, Over.NOW):
+            return  # what is wished for is on its way
         if self._layers.visible[Layer.EXPOSURE]:
             self._overlay.draw(picture, self.shown)
 
@@ -176,9 +182,13 @@ class ExposureShow:
         """Put observers on the posts. Raises StudioError where there are none."""
         if not self.posts:
             raise StudioError("ask where watchers should stand first", 409)
-        for post in self.posts:
-            place = {"x": round(post.x, 2), "y": round(post.y, 2), "yaw": round(math.degrees(post.yaw), 1)}
-            self._studio.add_observer(ObserverSpec(**place, fov_horizontal=360.0, range=60.0))
+        for post in tuple(self.posts):
+            x, y, yaw = round(post.x, 2), round(post.y, 2), round(math.degrees(post.yaw), 1)
+            watcher = ObserverSpec(
+                x=x, y=y, yaw=yaw, eye_height=EYE_HEIGHT,
+                range=RANGE, fov_horizontal=360.0, fov_vertical=180.0,
+            )  # fmt: skip
+            self._studio.add_observer(watcher)
 
     def _show_posts(self, posts: tuple[Vantage, ...]) -> None:
         if posts or self.posts:

@@ -56,31 +56,31 @@ class ExplainedLines:
     grey beyond."""
 
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
-        self._solid = Lines(scene, f"{root}/solid", 0.06)
+        self._seen = Lines(scene, f"{root}/seen", 0.06)
+        self._hidden = Lines(scene, f"{root}/hidden", 0.06)
         self._beyond = Lines(scene, f"{root}/beyond", 0.025)
-        self._scene, self._root = scene, root
         self._spots = scene.add_point_cloud(
             f"{root}/spots", np.zeros((1, 3)), palette.HIDDEN, point_size=0.3, point_shape="circle",
             point_shading="flat", visible=False,
         )  # fmt: skip
 
     def clear(self) -> None:
-        self._solid.hide()
+        self._seen.hide()
+        self._hidden.hide()
         self._beyond.hide()
         self._spots.visible = False
 
     def draw(self, profiles: tuple[SightProfile, ...]) -> None:
-        solid, colours, beyond, spots = [], [], [], []
+        seen, hidden, beyond, spots = [], [], [], []
         for profile in profiles:
             if profile.seen:
-                solid.append((profile.eye, profile.target))
-                colours.append(palette.SEEN)
+                seen.append((profile.eye, profile.target))
             elif profile.point is not None:
-                solid.append((profile.eye, profile.point))
-                colours.append(palette.HIDDEN)
+                hidden.append((profile.eye, profile.point))
                 beyond.append(dashed(np.stack([profile.point, profile.target])))
                 spots.append(profile.point)
-        self._solid.show(np.array(solid).reshape(-1, 2, 3), np.array(colours, np.uint8).reshape(-1, 3))
+        self._seen.show(np.array(seen).reshape(-1, 2, 3), palette.SEEN)
+        self._hidden.show(np.array(hidden).reshape(-1, 2, 3), palette.HIDDEN)
         self._beyond.show(_together(beyond), palette.UNKNOWN)
         self._spots.visible = bool(spots)
         if spots:

@@ -16,13 +16,14 @@ from app.view.nodes import SwapGlb
 log = logging.getLogger(__name__)
 
 STEP = 0.002  # metres by which a new picture lies above the one that it replaces
+LINGER_S = 2.0  # for the old one: it lies below, and a slow browser takes as long to parse the new one
 
 
 class ExposureOverlay:
     """Lives on the studio's loop."""
 
     def __init__(self, scene: viser.SceneApi, root: str, studio: Studio) -> None:
-        self._node = SwapGlb(scene, f"{root}/ground", step=STEP)
+        self._node = SwapGlb(scene, f"{root}/ground", LINGER_S, STEP)
         self._studio = studio
         self._paper: Paper | None = None
         self._wanted: tuple[Picture, Wish] | None = None

@@ -28,11 +28,13 @@ _PAD = 2
 
 
 class Show(StrEnum):
-    """What the overlay shows: exposure to anybody, how many see, or the mean over the patrols' beats."""
+    """What the overlay shows: exposure to anybody, how many see, the mean over the patrols' beats, or the
+    chance that an observer not yet seen sees a place."""
 
     UNITED = "united"
     COUNT = "count"
     AVERAGED = "averaged"
+    BELIEF = "belief"
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def painted_exposure(field: ExposureField, wish: Wish, paper: Paper) -> np.ndarr
         seen[blank] = False
         table = np.concatenate([table, [palette.UNKNOWN, palette.UNKNOWN_STRIPE]])
     picture = _mixed(levels, for_screen(table.astype(np.uint8)), wish.opacity, paper)
-    if wish.show is not Show.AVERAGED or wish.observer is not None:
+    if wish.show not in (Show.AVERAGED, Show.BELIEF) or wish.observer is not None:
         _outline(picture, seen, wish.opacity)
     return picture
 
@@ -130,7 +132,15 @@ def _values(field: ExposureField, wish: Wish) -> np.ndarray:
     if wish.observer is not None:
         known = wish.observer in field.observer_ids
         return field.of(wish.observer) if known else np.zeros(field.unknown.shape, np.float32)
+    if wish.show is Show.BELIEF:
+        return field.united / likeliest(field)
     return field.count if wish.show is Show.COUNT else field.united
+
+
+def likeliest(field: ExposureField) -> float:
+    """The greatest exposure anywhere, for a scale that ends there; 1 where nothing is seen."""
+    known = field.united[~field.unknown]
+    return float(known.max(initial=0.0)) or 1.0
 
 
 def _mixed(levels: np.ndarray, table: np.ndarray, opacity: float, paper: Paper) -> np.ndarray:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import html
 from typing import TYPE_CHECKING
 
-import viser
-
 from app.changes import Change
 from app.view import markup
 from app.view.desk import Desk
@@ -30,15 +28,15 @@ class Panel:
         desk = Desk(viewer)
         self._held = desk.gui.add_html("")
         tabs = desk.gui.add_tab_group()
-        with tabs.add_tab("Plan", viser.Icon.PENCIL):
+        with tabs.add_tab("Plan"):
             self.plan = PlanTab(desk)
-        with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
+        with tabs.add_tab("Drive"):
             self.drive = DriveTab(desk)
-        with tabs.add_tab("Exposure", viser.Icon.EYE):
+        with tabs.add_tab("Exposure"):
             self.exposure = ExposureTab(desk)
-        with tabs.add_tab("Layers", viser.Icon.STACK_2):
+        with tabs.add_tab("Layers"):
             self.layers = LayersTab(desk)
-        with tabs.add_tab("Scenes", viser.Icon.MAP_2):
+        with tabs.add_tab("Scenes"):
             self.scenarios = ScenariosTab(desk)
         self.refresh_tool()
 

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
 import viser
 
 from app.changes import Change
+from app.exposure_fields import Over
+from app.exposure_service import Picture
 from app.studio import Studio
 from app.view import markup, palette
 from app.view.desk import Desk, show_value
-from app.view.exposure_paint import MOST_COUNTED, Show
+from app.view.exposure_paint import MOST_COUNTED, Show, likeliest
 from app.view.plots import profile_svg, timeline_svg
 from app.view.tools import Tool
+from app.wording import listed
 from planner.covert_route import CovertRoute
 from planner.exposure import SightProfile
 from planner.exposure_log import NOTICEABLE
@@ -21,6 +25,7 @@ from scenes.scenario import Observer
 
 ROUTE_WORDS = {"route_shortest": "Shortest", "route_balanced": "Balanced", "route": "Most hidden"}
 SHOWS = {"anybody sees": Show.UNITED, "how many see": Show.COUNT, "mean over patrols": Show.AVERAGED}
+BELIEF_WORDS = "belief: who may lurk"
 MOST_LISTED = 8
 PLOTTED = 300  # points of the timeline
 POSTS = ("1", "2", "3", "4")
@@ -69,6 +74,7 @@ class ExposureTab:
         for observer in self._studio.scenario.observers:
             words = f"{called(observer)} sees"
             choices[words if words not in choices else f"{words} ({observer.id})"] = Show.UNITED, observer.id
+        choices[BELIEF_WORDS] = Show.BELIEF, None
         return choices
 
     def _choose(self, words: str) -> None:
@@ -130,6 +136,8 @@ class ExposureTab:
         """The scale of what the overlay shows, and how much of the ground that is."""
         shown, picture, names = self._show.shown, self._show.picture, self._names()
         counting = shown.show is Show.COUNT and shown.observer is None
+        if shown.show is Show.BELIEF:
+            return self._belief_scale(picture)
         if counting:
             keys = "".join(
                 markup.chip(tuple(colour), words)
@@ -151,6 +159,15 @@ class ExposureTab:
         if field.unknown.any():
             rows.append(("Without data", f"{field.unknown_area:.0f} m²"))
         return markup.block(keys, markup.table(rows))
+
+    def _belief_scale(self, picture: Picture | None) -> str:
+        """What the colours of the belief mean."""
+        stops = [tuple(colour) for colour in palette.exposure_colours(np.linspace(0.0, 1.0, 5)).tolist()]
+        most = likeliest(picture.field) if picture is not None and picture.over is Over.BELIEF else None
+        return markup.block(
+            markup.sentence("Chance that an observer whom nobody has told of, and nobody has seen, sees it"),
+            markup.scale(stops, "0 %", "…" if most is None else f"{most:.0%}"),
+        )
 
     def _tell(self, handle: viser.GuiHtmlHandle, content: str) -> None:
         if self._told.get(id(handle)) != content:
@@ -197,13 +214,6 @@ def sight_sentence(now: Exposure, names: dict[int, str]) -> str:
     if not seen:
         return "Hidden from every observer."
     return f"{now.fraction:.0%} of the robot is seen, by {listed(seen)}."
-
-
-def listed(words: list[str]) -> str:
-    """Some words in a row; of many, how many more there are."""
-    if len(words) > 3:
-        words = [*words[:2], f"{len(words) - 2} more"]
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _totals(frame: Frame) -> list[tuple[str, str]]:

@@ -10,7 +10,7 @@ from app.view import palette
 from planner.exposure import SightProfile
 
 WIDTH, HEIGHT = 292, 96
-LEFT, RIGHT, TOP, BOTTOM = 30, 4, 6, 16
+LEFT, RIGHT, TOP, BOTTOM = 38, 4, 6, 16
 _GROUND, _COVER, _PROBABILITY = (111, 121, 82), (88, 124, 70), (206, 178, 226)
 
 
