@@ -124,7 +124,9 @@ class ExposureFields:
         blank = self._blank[stride]
         seen = np.stack([kept[view] for view in views]) if views else blank.seen
         ids = tuple(view.observer_id for view in views)
-        return ExposureField(blank.x_min, blank.y_min, blank.resolution, ids, seen, blank.unknown)
+        field = ExposureField(blank.x_min, blank.y_min, blank.resolution, ids, seen, blank.unknown)
+        _ = field.united  # worked out here and kept: the event loop is to find it ready
+        return field
 
     def averaged(self, moment: Moment, stride: int) -> ExposureField:
         """The mean over the patrols' common cycle, past those who walk in the way as they are now."""

@@ -74,6 +74,8 @@ class Observers:
         self._labels: dict[int, viser.LabelHandle] = {}
         self._observers: dict[int, Observer] = {}
         self._poses: dict[int, WalkerPose] = {}
+        self._ground: Heightmap | None = None
+        self._outline_of: dict[int, tuple[object, np.ndarray]] = {}
         self._still_key: object = None
         self._sight_time = -math.inf
         self._opacity = 0.6
@@ -81,13 +83,18 @@ class Observers:
         self._found: frozenset[int] = frozenset()
 
     def edit(self, scenario: Scenario, heightmap: Heightmap, time_s: float) -> None:
+        before = self._observers if heightmap is self._ground else {}
+        self._ground = heightmap
         self._observers = {observer.id: observer for observer in scenario.observers}
         self._poses = {
-            observer.id: _walker_pose(observer, heightmap, time_s) for observer in scenario.observers
+            number: self._poses[number]
+            if observer is before.get(number) and observer.patrol is None
+            else _walker_pose(observer, heightmap, time_s)
+            for number, observer in self._observers.items()
         }
         self._sight_time = -math.inf
         self._relabel()
-        self._place(heightmap)
+        self._place()
         self._draw_sight(heightmap, time_s)
 
     def draw(self, frame: Frame, heightmap: Heightmap) -> None:
@@ -96,7 +103,7 @@ class Observers:
         if not any(self._observers[number].patrol for number in truth):
             return
         self._poses |= truth
-        self._place(heightmap)
+        self._place()
         if abs(frame.time_s - self._sight_time) >= SIGHT_PERIOD_S:
             self._draw_sight(heightmap, frame.time_s)
 
@@ -106,7 +113,7 @@ class Observers:
         if found != self._found:
             self._found = found
             self._still_key = None
-            self._place(heightmap)
+            self._place()
             self._draw_sight(heightmap, frame.time_s)
 
     def _knows(self, observer: Observer) -> bool:
@@ -135,12 +142,12 @@ class Observers:
                     f"{self._labels_root}/label_{number}", name, anchor="bottom-center"
                 )
 
-    def _place(self, heightmap: Heightmap) -> None:
+    def _place(self) -> None:
         masts = []
         standing: dict[bool, list[tuple[tuple[float, float, float], float]]] = {True: [], False: []}
         for number, observer in self._observers.items():
             pose = self._poses[number]
-            ground = float(heightmap.height_at(pose.x, pose.y))
+            ground = pose.z
             feet = ground + max(observer.eye_height - EYE_OF_FIGURE, 0.0)
             standing[self._knows(observer)].append(((pose.x, pose.y, feet), pose.yaw))
             if feet > ground + 0.3:
@@ -173,14 +180,26 @@ class Observers:
 
     def _draw_outlines(self, heightmap: Heightmap) -> None:
         segments, colours = [], []
-        for number, observer in self._observers.items():
-            pieces = _inside(sight_outline(observer, self._poses[number], heightmap), heightmap)
+        for observer in self._observers.values():
+            pieces = self._outline(observer, heightmap)
             segments.append(pieces)
             colours.append(np.tile(np.array(sight_colour(self._knows(observer)), np.uint8), (len(pieces), 1)))
+        self._outline_of = {number: self._outline_of[number] for number in self._observers}
         if segments:
             self._outlines.show(np.concatenate(segments), np.concatenate(colours))
         else:
             self._outlines.hide()
+
+
+    def _outline(self, observer: Observer, heightmap: Heightmap) -> np.ndarray:
+        """Made anew only for those who have moved: there may be two hundred."""
+        pose = self._poses[observer.id]
+        question = (observer, pose, id(heightmap))
+        kept = self._outline_of.get(observer.id)
+        if kept is None or kept[0] != question:
+            kept = question, _inside(sight_outline(observer, pose, heightmap), heightmap)
+            self._outline_of[observer.id] = kept
+        return kept[1]
 
 
 class Obstacles:
