@@ -26,6 +26,7 @@ def test_the_cases_are_those_that_were_promised():
         "tick",
         "mission_speed",
         "click_to_goal",
+        "drag_to_overlay",
         "viewshed",
         "united_exposure",
         "covert_route",
