@@ -1,4 +1,4 @@
-"""Who sees what in a real browser: the overlay, a changed observer, a place explained, routes compared."""
+"""Who sees what in a real browser: overlay, an observer who changes, a place explained, routes compared."""
 
 import io
 
