@@ -55,8 +55,7 @@ def test_an_observer_who_turns_takes_the_orange_along(page, viewer, server):
     observer = server.ask("/api/observers")[0]
     before = wait_for(lambda: shares(page), lambda now: min(now) > 0.02)
     server.ask(f"/api/observers/{observer['id']}", "PATCH", {"range": 0.0})
-    after = wait_for(lambda: shares(page), lambda now: now[0] < 0.5 * before[0])
-    assert after[1] > before[1]
+    wait_for(lambda: shares(page), lambda now: now[0] < 0.5 * before[0] and now[1] > before[1])
     server.ask(f"/api/observers/{observer['id']}", "PATCH", {"range": observer["range"]})
     wait_for(lambda: shares(page), lambda now: now[0] > 0.5 * before[0])
 
