@@ -16,14 +16,16 @@ from app.view.nodes import SwapGlb
 log = logging.getLogger(__name__)
 
 STEP = 0.002  # metres by which a new picture lies above the one that it replaces
-LINGER_S = 2.0  # for the old one: it lies below, and a slow browser takes as long to parse the new one
+ROUGH_LINGER_S, LINGER_S = 4.0, 1.0
+"""For how long the old one stays: a slow browser takes as long to parse the new one, above which a rough one
+that is replaced by a sharp one would be seen."""
 
 
 class ExposureOverlay:
     """Lives on the studio's loop."""
 
     def __init__(self, scene: viser.SceneApi, root: str, studio: Studio) -> None:
-        self._node = SwapGlb(scene, f"{root}/ground", LINGER_S, STEP)
+        self._node = SwapGlb(scene, f"{root}/ground", step=STEP)
         self._studio = studio
         self._paper: Paper | None = None
         self._wanted: tuple[Picture, Wish] | None = None
@@ -63,7 +65,7 @@ class ExposureOverlay:
         (picture, wish), sheet = wanted, (paper.rough or paper) if rough else paper
         mesh = await asyncio.to_thread(overlay_glb, picture.field, wish, sheet)
         if paper is self._paper:
-            self._node.show(mesh)
+            self._node.show(mesh, ROUGH_LINGER_S if rough else LINGER_S)
             self._studio.show_overlay(Overlay(picture.edits, picture.sharp and not rough))
 
     def _up_to_date(self, picture: Picture) -> bool:

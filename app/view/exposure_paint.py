@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 from PIL import Image
+from scipy import ndimage
 
 from app.view import palette
 from app.view.glb import Reskinned, Surface
@@ -17,6 +19,7 @@ from scenes.terrain import Heightmap
 
 MOST_PIXELS, ROUGH_PIXELS = 720, 320
 PIXELS_A_CELL = 4
+ROUGH_SAMPLES = 100  # a side of the mesh for pictures that hold for a moment only
 LIFT = 0.02
 OUTLINE = 0.5
 """How much of the picture's brightness is left along the edge between seen and hidden."""
@@ -65,8 +68,8 @@ class Paper:
     @classmethod
     def of(cls, heightmap: Heightmap, picture: np.ndarray) -> Paper:
         """Of the ground's picture, as `app.view.ground.painted`."""
+        rough = cls._sheet(heightmap, picture, Reskinned(_spread(heightmap)), ROUGH_PIXELS)
         mesh = Reskinned(_lifted(coarsened(heightmap)))
-        rough = cls._sheet(heightmap, picture, mesh, ROUGH_PIXELS)
         return replace(cls._sheet(heightmap, picture, mesh, MOST_PIXELS), rough=rough)
 
     @classmethod
@@ -91,6 +94,24 @@ def _lifted(ground: Heightmap) -> Surface:
     v, u = np.mgrid[0:rows, 0:cols]
     uv = np.column_stack([(u.ravel() + 0.5) / cols, 1.0 - (v.ravel() + 0.5) / rows])
     return Surface(vertices + np.array([0.0, 0.0, LIFT]), faces, uv=uv, unlit=True)
+
+
+def _spread(ground: Heightmap) -> Surface:
+    """A sheet of few triangles spread over the ground's tops, light enough to be sent while things move."""
+    vertices, _ = ground.triangles()
+    rows, cols = ground.shape
+    step = math.ceil(max(rows, cols) / ROUGH_SAMPLES)
+    v, u = (np.unique(np.append(np.arange(0, count, step), count - 1)) for count in (rows, cols))
+    index = np.arange(rows * cols).reshape(rows, cols)[np.ix_(v, u)]
+    picked = vertices[index.ravel()]
+    picked[:, 2] = ndimage.maximum_filter(ground.heights, step + 1)[np.ix_(v, u)].ravel() + LIFT
+    grid_v, grid_u = np.meshgrid(v, u, indexing="ij")
+    uv = np.column_stack([(grid_u.ravel() + 0.5) / cols, 1.0 - (grid_v.ravel() + 0.5) / rows])
+    corner = np.arange(index.size).reshape(index.shape)
+    near, east = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel()
+    north, far = corner[1:, :-1].ravel(), corner[1:, 1:].ravel()
+    faces = np.concatenate([np.column_stack([near, east, north]), np.column_stack([east, far, north])])
+    return Surface(picked, faces, uv=uv, unlit=True)
 
 
 def overlay_glb(field: ExposureField, wish: Wish, paper: Paper) -> bytes:

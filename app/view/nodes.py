@@ -28,7 +28,7 @@ class SwapGlb:
         self._slots: dict[int, viser.GlbHandle] = {}
         self._shown: int | None = None
 
-    def show(self, data: bytes | None) -> None:
+    def show(self, data: bytes | None, linger_s: float | None = None) -> None:
         """Draw `data` instead of what was drawn, or nothing."""
         old, self._shown = self._shown, None
         if data is not None:
@@ -41,7 +41,8 @@ class SwapGlb:
         if old is not None and data is None:
             self._remove(old, self._slots[old])
         elif old is not None:
-            asyncio.get_running_loop().call_later(self._linger_s, self._remove, old, self._slots[old])
+            wait = self._linger_s if linger_s is None else linger_s
+            asyncio.get_running_loop().call_later(wait, self._remove, old, self._slots[old])
 
     def _remove(self, slot: int, handle: viser.GlbHandle) -> None:
         if self._slots.get(slot) is handle:
