@@ -100,7 +100,7 @@ def _sighting(
     x_min, x_max, y_min, y_max = int(cols.min()), int(cols.max()), int(rows[0]), int(rows[-1])
     sample = slice(None, None, -(-len(pixels) // SAMPLES))
     rows, cols = rows[sample], cols[sample]
-    depth = float(np.median(image.depth[rows, cols]))
+    depth = _median(image.depth[rows, cols])
     width = (x_max - x_min + 1) * depth / image.intrinsics.fx
     height = (y_max - y_min + 1) * depth / image.intrinsics.fy
     cut_wide = x_min == 0 or x_max == image.intrinsics.width - 1
@@ -111,13 +111,14 @@ def _sighting(
     if not CATALOGUE[kind].conceals(wide, high, HUSKY.width, HUSKY.height):
         return None
     box = _thinned(y_min, y_max), _thinned(x_min, x_max)
-    hidden = float(np.mean((image.body[box] != body.index) & (image.depth[box] < depth - 0.5)))
+    before = (image.body[box] != body.index) & (image.depth[box] < depth - 0.5)
+    hidden = np.count_nonzero(before) / before.size
     confidence = _confidence(depth, len(pixels), cut_wide + cut_high, hidden, rng)
     if confidence is None:
         return None
     x, y = _position(pose.to_world(image.points_body(rows, cols)), kind, width, pose.position)
     lowest = np.divmod(pixels[-5:], image.intrinsics.width)
-    z = float(np.median(pose.to_world(image.points_body(*lowest))[:, 2]))
+    z = _median(pose.to_world(image.points_body(*lowest))[:, 2])
     corners = tuple((float(u), float(v)) for u in (x_min, x_max) for v in (y_min, y_max))
     detection = Detection(
         frame_id, body.class_id, body.class_name, confidence,
@@ -133,11 +134,17 @@ def _thinned(first: int, last: int) -> slice:
 
 def _position(points: np.ndarray, kind: CoverKind, width: float, robot: np.ndarray) -> tuple[float, float]:
     """Where an object is whose near face shows world `points` (n, 3) to a robot at (3,)."""
-    middle = np.median(points[:, :2], axis=0)
+    middle = np.array([_median(points[:, 0]), _median(points[:, 1])])
     view = middle - robot[:2]
     behind = 0.5 * min(width, CATALOGUE[kind].width.usual)
     middle = middle + behind * view / max(float(np.hypot(*view)), 1e-6)
     return float(middle[0]), float(middle[1])
+
+
+def _median(values: np.ndarray) -> float:
+    """As `numpy.median`, which takes five times as long over the few numbers of a mask."""
+    ordered, half = np.sort(values), len(values) // 2
+    return float(ordered[half] if len(values) % 2 else (ordered[half - 1] + ordered[half]) / 2)
 
 
 def _confidence(

@@ -207,7 +207,7 @@ def evaluate(
     ranges = np.hypot(points[:, 0] - pose.x, points[:, 1] - pose.y)
     ranked = np.column_stack([points, ranges])[np.argsort(ranges, kind="stable")]
     ground = surroundings.ground
-    paths, heading, nearest, distance, unknown, tilt, free_time, rejection = roll_out(
+    poses, heading, nearest, distance, unknown, tilt, free_time, rejection = roll_out(
         v, w, np.array([slip.turning, slip.driving]), start, np.array(target, float),
         config.steps, config.dt, config.heading_share,
         np.array([config.braking, config.yaw_braking]), config.reaction, config.creep_speed,
@@ -232,7 +232,7 @@ def evaluate(
     chosen = int(np.argmin(total))
     if not np.isfinite(total[chosen]):
         chosen = -1
-    return Rollout(Arcs(v, w, paths[:, :, :3], *terms, total, rejection, chosen), free_time)
+    return Rollout(Arcs(v, w, poses, *terms, total, rejection, chosen), free_time)
 
 
 def _discs(config: DwaConfig, moving: tuple[TrackedObstacle, ...]) -> np.ndarray:

@@ -41,14 +41,14 @@ def roll_out(
     wheels : (4, 2) contact points front left, front right, rear left, rear right
     tilt_limits : (2,) tangents of the greatest pitch and roll; both together count as a share of 1
 
-    Returns paths (n, steps + 1, 5) of x, y, yaw and its cosine and sine, heading error at the end of the free
+    Returns poses (n, steps + 1, 3) of x, y and yaw, heading error at the end of the free
     part (rad), least distance of a point to the core before contact (m; where the arc starts nearer than
     `contact`, that at the end of the free part), distance to the target at the end of the free part (m),
     share of poses with a wheel on unknown ground, greatest share of the tilt limits, time free of hazards
     (s), rejection (int8).
     """
     n = v.shape[0]
-    paths = np.empty((n, steps + 1, 5))
+    poses, path = np.empty((n, steps + 1, 3)), np.empty((steps + 1, 5))
     heading, distance, nearest = np.empty(n), np.empty(n), np.empty(n)
     unknown_share, tilt, free_time = np.zeros(n), np.zeros(n), np.empty(n)
     rejection = np.zeros(n, np.int8)
@@ -66,18 +66,20 @@ def roll_out(
     tilt_limit = max(1.0, tilt_start)
 
     for i in range(n):
-        path, limit = paths[i], contact + speed_margin * abs(v[i])
+        limit = contact + speed_margin * abs(v[i])
         if abs(v[i]) <= escape_speed:
             limit = min(limit, leaving)
         sideways = slip[0] * w[i] + slip[1] * abs(v[i])
         _trace(v[i], w[i], sideways, here, dt, heading_share, path)
+        for k in range(steps + 1):
+            poses[i, k, 0], poses[i, k, 1], poses[i, k, 2] = path[k, 0], path[k, 1], path[k, 2]
         speed = math.hypot(v[i], sideways)
         hazard, free, unknown_step = 0, steps, steps
         if discs.shape[0] > 0:
             free = _until_moving(path, dt, half_size, discs)
             hazard = MOVING_OBSTACLE if free < steps else 0
         last, nearest[i] = _until_contact(
-            path, free, speed * dt, half_size, reach, limit, points, start_distance
+            path, free, speed * dt, reach * abs(w[i]) * dt, half_size, reach, limit, points, start_distance
         )
         if last < free:
             hazard, free = COLLISION, last
@@ -104,7 +106,7 @@ def roll_out(
         error = math.atan2(dy, dx) - path[free, 2]
         heading[i] = abs(error - 2.0 * math.pi * np.rint(error / (2.0 * math.pi)))
         distance[i] = math.sqrt(dx * dx + dy * dy)
-    return paths, heading, nearest, distance, unknown_share, tilt, free_time, rejection
+    return poses, heading, nearest, distance, unknown_share, tilt, free_time, rejection
 
 
 @njit(cache=True)
@@ -123,25 +125,37 @@ def _trace(v, w, sideways, here, dt, heading_share, path):
 
 
 @njit(cache=True)
-def _until_contact(path, last, stride, half_size, reach, limit, points, nearest):
-    """Steps up to `last` before the core comes within `limit` of a point; least distance until then."""
-    for k in range(1, last + 1):
-        best = nearest
-        best_square = best * best
+def _until_contact(path, last, stride, swing, half_size, reach, limit, points, nearest):
+    """Steps up to `last` before the core comes within `limit` of a point; least distance until then.
+
+    stride, swing : metres that the base moves in a step, and the core's corners by turning; a distance
+        changes by no more, so that steps are left out while the nearest point cannot come nearer than before
+    """
+    if last > 0 and nearest < limit:
+        return 0, nearest
+    k = 1
+    while k <= last:
+        x, y, cos, sin = path[k, 0], path[k, 1], path[k, 3], path[k, 4]
+        driven = k * stride + reach
+        best, best_square = np.inf, np.inf
         for j in range(points.shape[0]):
             # A point at range r from the start cannot be nearer than this to the core by now.
-            if points[j, 2] - k * stride - reach >= best:
+            if points[j, 2] - driven >= best:
                 break
-            dx, dy = points[j, 0] - path[k, 0], points[j, 1] - path[k, 1]
-            along = max(abs(path[k, 3] * dx + path[k, 4] * dy) - half_size[0], 0.0)
-            across = max(abs(path[k, 3] * dy - path[k, 4] * dx) - half_size[1], 0.0)
+            dx, dy = points[j, 0] - x, points[j, 1] - y
+            along = max(abs(cos * dx + sin * dy) - half_size[0], 0.0)
+            across = max(abs(cos * dy - sin * dx) - half_size[1], 0.0)
             square = along * along + across * across
             if square < best_square:
                 best_square = square
                 best = math.sqrt(square)
-        if best < limit:
-            return k - 1, nearest
-        nearest = best
+        if best < nearest:
+            if best < limit:
+                return k - 1, nearest
+            nearest = best
+            k += 1
+        else:
+            k += 1 + int(min((best - nearest) / (stride + swing + 1e-9), last))
     return last, nearest
 
 

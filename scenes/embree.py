@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -11,6 +14,9 @@ from embreex.rtcore_scene import EmbreeScene
 
 Part = tuple[np.ndarray, np.ndarray]
 """A mesh: vertices (n, 3) and faces (m, 3)."""
+
+RAYS_WORTH_A_THREAD = 4096
+_CORES = len(os.sched_getaffinity(0))
 
 # One device for all scenes of the process: each keeps its own threads otherwise.
 _DEVICE = EmbreeDevice()
@@ -27,3 +33,30 @@ def build_tree(parts: Sequence[Part], robust: bool = False) -> EmbreeScene:
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
     scene.run(np.zeros_like(up), up)  # the first ray builds the tree
     return scene
+
+
+def first_hits(
+    tree: EmbreeScene, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Embree's answer for the first hit of each ray: `tfar`, `geomID`, `primID`, `Ng`.
+
+    origins, directions : (n, 3) float32; reach : (n,) float32
+    Many rays are shared out among the cores; that changes no answer.
+    """
+    shares = min(_CORES, len(directions) // RAYS_WORTH_A_THREAD)
+    if shares < 2:
+        return tree.run(origins, directions, dists=reach, output=1)
+    parts = _pool().map(
+        lambda share: tree.run(*share[:2], dists=share[2], output=1),
+        zip(*(np.array_split(rays, shares) for rays in (origins, directions, reach)), strict=True),
+    )
+    answers = list(parts)
+    return {name: np.concatenate([answer[name] for answer in answers]) for name in answers[0]}
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_CORES, "rays")
+
+
+os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not live on in a forked process

@@ -17,7 +17,7 @@ import trimesh
 from trimesh.visual import ColorVisuals
 
 from scenes.catalogue import CATALOGUE
-from scenes.embree import Part, build_tree
+from scenes.embree import Part, build_tree, first_hits
 from scenes.meshes import cover_mesh, cover_pose, walker_mesh
 from scenes.pose import Pose
 from scenes.scenario import CoverObject, MovingObstacle, Observer
@@ -167,7 +167,7 @@ class RayScene:
         eye = np.asarray(origins, np.float32)
         origins = np.ascontiguousarray(np.broadcast_to(eye, directions.shape))
         reach = np.full(len(origins), max_range, np.float32)
-        answer = self._scene.run(origins, directions, dists=reach, output=1)
+        answer = first_hits(self._scene, origins, directions, reach)
         distance, body = answer["tfar"], answer["geomID"]
         triangle, normal = answer["primID"], answer["Ng"]
         for walker in self._walkers:

@@ -266,6 +266,6 @@ def test_kernel_agrees_with_its_plain_twin(seed):
     )  # fmt: skip
     ours, plain = dwa_kernel.roll_out(*arguments), plain_dwa.roll_out(*arguments)
     np.testing.assert_array_equal(ours[-1], plain[-1])
-    np.testing.assert_allclose(ours[0][:, :, :3], plain[0], atol=1e-9)
+    np.testing.assert_allclose(ours[0], plain[0], atol=1e-9)
     for mine, theirs in zip(ours[1:-1], plain[1:-1], strict=True):
         np.testing.assert_allclose(mine, theirs, atol=1e-9)

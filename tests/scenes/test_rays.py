@@ -7,6 +7,7 @@ from grounds import ground, rough, thing
 from hypothesis import given
 from hypothesis import strategies as st
 
+from scenes.embree import RAYS_WORTH_A_THREAD
 from scenes.meshes import cover_mesh, cover_pose, walker_mesh
 from scenes.rays import BodyKind, RayScene
 from scenes.scenario import MovingObstacle, Observer, Patrol, Point
@@ -132,6 +133,16 @@ def test_one_origin_for_all_rays_means_the_same_as_one_each() -> None:
     one, each = scene.cast(eye, rays, 20.0), scene.cast(np.tile(eye, (500, 1)), rays, 20.0)
     np.testing.assert_array_equal(one.distance, each.distance)
     np.testing.assert_array_equal(one.body, each.body)
+
+
+def test_many_rays_at_once_hit_what_they_hit_one_after_the_other() -> None:
+    scene = RayScene(rough(3, 30, 30, 0.5), [thing("tree", 2, 1), thing("rock", -3, 0, id=2)])
+    eye, rays = np.array([0.0, 0.0, 3.0]), directions(3 * RAYS_WORTH_A_THREAD)
+    at_once, pieces = scene.cast(eye, rays, 50.0), [scene.cast(eye, p, 50.0) for p in np.split(rays, 12)]
+    for name in ("distance", "body", "triangle", "normal"):
+        np.testing.assert_array_equal(
+            getattr(at_once, name), np.concatenate([getattr(p, name) for p in pieces])
+        )
 
 
 def test_every_body_brings_its_colours() -> None:
