@@ -1,6 +1,7 @@
 FROM python:3.11-slim-bookworm
 
-# pybullet, embreex, rasterio and the other wheels bring what they need; nothing is compiled here
+# pybullet, embreex, rasterio and the other wheels bring what they need; nothing is compiled here, and the
+# pinned torch is the CPU build
 RUN useradd --create-home --uid 1000 covernav && install -d -o covernav /workspace
 WORKDIR /src
 COPY pyproject.toml README.md LICENSE ./
