@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,7 +18,15 @@ from planner.tracking import ObstacleTracker, locate
 from scenes.pose import Pose, Twist
 from scenes.rays import BodyKind, RayScene
 from scenes.scenario import Observer, Scenario
-from scenes.sensors import CameraImage, Lidar, LidarConfig, Odometry, PointCloud, SemanticCamera
+from scenes.sensors import (
+    CameraConfig,
+    CameraImage,
+    Lidar,
+    LidarConfig,
+    Odometry,
+    PointCloud,
+    SemanticCamera,
+)
 from scenes.terrain import SURFACES, Surface
 
 CAMERA_PERIOD = 5
@@ -27,6 +36,15 @@ OBSTACLE_RANGE, MAX_OBSTACLE_POINTS = 6.0, 400
 BEARINGS = 72
 MAPPED_DEPTH = 10.0  # metres: farther depths of the camera are too coarse to map
 PIXEL_STRIDE = 2  # of the depth image, for the map
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """The sensors, and how often the camera looks: every `camera_period`-th time that is perceived."""
+
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    camera_period: int = CAMERA_PERIOD
 
 
 class Perceiver:
@@ -46,12 +64,15 @@ class Perceiver:
         perception: Perception = Perception.LIDAR,
         rng: np.random.Generator | None = None,
         config: MapConfig | None = None,
+        sensing: Sensing | None = None,
     ):
+        sensing = sensing or Sensing()
         self.perception = perception
         self.scan_points = np.zeros((0, 3), np.float32)
         seeds = np.random.default_rng(0) if rng is None else rng
         self._lidar_rng, self._camera_rng, self._odometry_rng, self._detection_rng = seeds.spawn(4)
-        self._lidar, self._camera, self._odometry = Lidar(), SemanticCamera(), Odometry()
+        self._lidar, self._camera = Lidar(sensing.lidar), SemanticCamera(sensing.camera)
+        self._odometry, self._camera_period = Odometry(), sensing.camera_period
         self._map = ElevationMap(scenario.start.x, scenario.start.y, config)
         self._tracker, self._memory = ObstacleTracker(), CoverMemory()
         self._spotter = Spotter()
@@ -82,7 +103,7 @@ class Perceiver:
         self._map.move_to(estimate.x, estimate.y)
         self._map.stand_at(estimate)
         moving = self._scan(rays, pose, estimate, time_s)
-        if self._tick % CAMERA_PERIOD == 0:
+        if self._tick % self._camera_period == 0:
             self._look(rays, pose, estimate)
         self._tick += 1
         return self._percept(

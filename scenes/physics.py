@@ -13,7 +13,7 @@ import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from scenes.robot import HUSKY
 from scenes.scenario import CoverObject, MovingObstacle, Start
 from scenes.stance import standing_pose
 from scenes.terrain import Heightmap
+from scenes.world import Contact, RobotLostError
 
 
 def _import_pybullet():
@@ -50,18 +51,6 @@ WHEEL_TORQUE = 30.0
 SETTLING_STEPS = 60
 OBSTACLE_STEPS = 4  # moving obstacles are put where their beats have them at 60 Hz
 RAY_BATCH = 8192  # rayTestBatch answers one ray too few for exactly 16,384
-
-
-class RobotLostError(RuntimeError):
-    """The robot has left the world: through the ground, over the border, or to a pose that is no number."""
-
-
-@dataclass(frozen=True)
-class Contact:
-    """Something that touches the robot; `id` as in the scenario."""
-
-    kind: Literal["cover", "obstacle"]
-    id: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,266 @@
+"""The Markov decision process as a Gymnasium environment, `CoverNav-v0`."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+from enum import StrEnum
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+
+from planner.episode import Ground, Grounds, Task, check_reachable
+from planner.frames import Percept, Perception, Status
+from planner.line_of_sight import View, VisibleFraction, views_at, visible_fraction
+from planner.observation import HIGH, LOW, STATE_HIGH, STATE_LOW, Observation, observe
+from planner.perception import Perceiver, Sensing
+from planner.reward import REWARDS, Moment, Reward
+from planner.shelter import Shelter
+from scenes.kinematics import KinematicWorld
+from scenes.pose import Pose, Twist, wrap_angle
+from scenes.robot import HUSKY
+from scenes.scenario import Scenario
+from scenes.sensors import CameraConfig, LidarConfig
+from scenes.world import DrivenWorld, RobotLostError
+
+DECISION_S = 0.25
+GOAL_RADIUS = 0.5
+ROLLED_OVER_UP = math.cos(math.radians(60.0))
+REMEMBERED = 8  # positions, for r_elev
+
+TASK_OPTIONS = ("terrain", "goal_distance", "observers", "patrols", "known", "obstacles")
+
+
+class Dynamics(StrEnum):
+    """How the robot moves: rigid bodies and sliding wheels, or a motion model fitted to them."""
+
+    PHYSICS = "physics"
+    KINEMATIC = "kinematic"
+
+
+SENSING = {
+    Dynamics.PHYSICS: Sensing(camera_period=2),
+    Dynamics.KINEMATIC: Sensing(
+        lidar=LidarConfig(azimuths=450), camera=CameraConfig(width=160, height=120), camera_period=4
+    ),
+}
+"""At four decisions a second: the mission's sensors, whose camera looks twice a second; and, where speed
+matters, every other azimuth of the lidar and every other pixel of a camera that looks once a second."""
+
+
+class CoverNavEnv(gymnasium.Env[Observation, np.ndarray]):
+    """A Husky on its way to a goal, watched or not, deciding four times a second.
+
+    | action | meaning | range |
+    |---|---|---|
+    | 0 | forward speed, (a + 1) / 2 of 1.0 m/s | -1..1 |
+    | 1 | yaw rate, a of 1.5 rad/s, left positive | -1..1 |
+
+    Both are held for a decision period. Observations are tabulated at `planner.observation.observe`. An
+    episode terminates when the robot is within `GOAL_RADIUS` of the goal, at whatever speed, when it touches
+    anything, when it has rolled over and when it has left the map; it is truncated after `max_steps`.
+
+    info : `terms`, every term of the reward of this step by name; `status`, a `planner.frames.Status`;
+        `pose`, the true one; `exposed_s`, visible seconds of the episode; `success`
+
+    terrain, goal_distance, observers, patrols, known, obstacles : what episodes are drawn from, see
+        `planner.episode.Task`
+    reward : a name of `planner.reward.REWARDS`, or a reward
+    dynamics : `physics` or `kinematic`; perception : `lidar` or `oracle`
+    scenario : drive this one, as it stands, instead of drawn ones; with `goal_distance` among the options
+        of a reset, draw drives on its ground
+    variety : how many grounds of a terrain there are
+
+    `reset` takes a seed, from which all of the episode follows, and options: any of the six above, and
+    `scenario`. Raises ValueError for what is unknown or out of range, ScenarioError for a scenario
+    without a reachable goal.
+    """
+
+    metadata = {"render_modes": [], "render_fps": 4}  # noqa: RUF012 - Gymnasium's own form
+
+    def __init__(
+        self,
+        terrain: str = "normal",
+        *,
+        reward: str | Reward = "corrected",
+        dynamics: str = Dynamics.KINEMATIC,
+        perception: str = Perception.LIDAR,
+        goal_distance: float = 12.0,
+        observers: int = 1,
+        patrols: bool = False,
+        known: bool = True,
+        obstacles: int = 0,
+        scenario: Scenario | None = None,
+        variety: int = 12,
+        max_steps: int = 100,
+        render_mode: str | None = None,
+    ):
+        if isinstance(reward, str) and reward not in REWARDS:
+            raise ValueError(f"reward {reward!r} is none of {', '.join(REWARDS)}")
+        if max_steps < 1:
+            raise ValueError(f"an episode has at least one step, got {max_steps}")
+        self.task = Task(terrain, goal_distance, observers, patrols, known, obstacles)  # type: ignore[arg-type]
+        self.reward = REWARDS[reward] if isinstance(reward, str) else reward
+        self.dynamics, self.perception = Dynamics(dynamics), Perception(perception)
+        self.max_steps, self.render_mode = max_steps, render_mode
+        self.observation_space = spaces.Dict(
+            layers=spaces.Box(LOW, HIGH, dtype=np.float32),
+            state=spaces.Box(STATE_LOW, STATE_HIGH, dtype=np.float32),
+        )
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self._grounds = Grounds(variety)
+        self._own = None if scenario is None else Ground(scenario)
+        self._world: DrivenWorld | None = None
+
+    # --- an episode ------------------------------------------------------------------------------
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.close()
+        ground, self.scenario = self._drawn(dict(options or {}))
+        self._ground, self._rays = ground, ground.rays()
+        self._world = self._make_world()
+        sense = SENSING[self.dynamics]
+        rng = np.random.default_rng(self.np_random.integers(2**63))
+        self._perceiver = Perceiver(self.scenario, self.perception, rng, sensing=sense)
+        self.status, self.steps, self.exposed_s = Status.RUNNING, 0, 0.0
+        self._elevations: deque[float] = deque(maxlen=REMEMBERED)
+        self._pose = self._world.pose
+        percept, views = self._sense(self._world)
+        seen = visible_fraction(self._rays, views, self._pose)
+        return self._observe(percept, views, seen, 0.0), self._info({})
+
+    def _drawn(self, options: dict[str, Any]) -> tuple[Ground, Scenario]:
+        wanted = options.pop("scenario", None)
+        unknown = sorted(set(options) - set(TASK_OPTIONS))
+        if unknown:
+            known = ", ".join(("scenario", *TASK_OPTIONS))
+            raise ValueError(f"option {unknown[0]!r} is none of {known}")
+        given = {name: value for name, value in options.items() if value is not None}
+        task = replace(self.task, **given)
+        own = self._own if wanted is None else Ground(wanted)
+        if own is None:
+            own = self._grounds.draw(task, self.np_random)
+        elif "goal_distance" not in given:
+            check_reachable(own.scenario)
+            return own, own.scenario
+        return own, own.draw(task, self.np_random)
+
+    def _make_world(self) -> DrivenWorld:
+        scenario, ground = self.scenario, self._ground
+        if self.dynamics is Dynamics.KINEMATIC:
+            return KinematicWorld(
+                ground.heightmap, scenario.cover, scenario.obstacles, scenario.start, outlines=ground.outlines
+            )
+        from scenes.physics import World  # pybullet is not for those who never ask for it
+
+        return World(ground.heightmap, scenario.cover, scenario.obstacles, scenario.start)
+
+    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Hold an action for a decision period. Raises ValueError for one that is not two finite numbers."""
+        if self._world is None or self.status.final:
+            raise ResetNeeded("the episode is over or has not begun; call reset first")
+        command, before = command_of(action), self._pose
+        lost = False
+        try:
+            self._world.step(command, DECISION_S)
+        except RobotLostError:
+            lost = True
+        self._pose = self._world.pose
+        self.status = Status.STOPPED if lost else self._judge(self._world)
+        self.steps += 1
+        percept, views = self._sense(self._world)
+        seen = visible_fraction(self._rays, views, self._pose)
+        self.exposed_s += DECISION_S * seen.united
+        shelter = self._ground.cover.shelter(self._rays, views, seen, self._pose)
+        self._elevations.appendleft(before.z)
+        terms = self.reward(self._moment(before, seen, shelter))
+        truncated = not self.status.final and self.steps >= self.max_steps
+        turned = float(wrap_angle(self._pose.yaw - before.yaw))
+        observation = self._observe(percept, views, seen, turned)
+        return observation, terms["total"], self.status.final, truncated, self._info(terms)
+
+    def _judge(self, world: DrivenWorld) -> Status:
+        if world.up < ROLLED_OVER_UP:
+            return Status.ROLLED_OVER
+        if world.touching():
+            return Status.COLLIDED
+        goal = self.scenario.goal
+        away = math.hypot(goal.x - self._pose.x, goal.y - self._pose.y)
+        return Status.REACHED if away <= GOAL_RADIUS else Status.RUNNING
+
+    def _sense(self, world: DrivenWorld) -> tuple[Percept, tuple[View, ...]]:
+        """What the robot knows now, and what all observers truly look at."""
+        scenario = self.scenario
+        self._rays.set_walkers(scenario.obstacles, scenario.observers, world.time_s)
+        goal = scenario.goal.x, scenario.goal.y
+        percept = self._perceiver.perceive(self._rays, self._pose, world.twist, world.time_s, goal)
+        return percept, views_at(scenario.observers, self._ground.heightmap, world.time_s)
+
+    def _observe(
+        self, percept: Percept, views: tuple[View, ...], seen: VisibleFraction, turned: float
+    ) -> Observation:
+        known = views_at(percept.observers, self._ground.heightmap, percept.time_s)
+        if known != views:
+            seen = visible_fraction(self._rays, known, self._pose)
+        return observe(percept, heading_change=turned, visible=seen.united)
+
+    def _moment(self, before: Pose, seen: VisibleFraction, shelter: Shelter) -> Moment:
+        after, goal, cover = self._pose, self.scenario.goal, self._ground.cover
+        bearing = math.atan2(goal.y - after.y, goal.x - after.x)
+        return Moment(
+            previous_goal_distance=math.hypot(goal.x - before.x, goal.y - before.y),
+            goal_distance=math.hypot(goal.x - after.x, goal.y - after.y),
+            previous_heading=before.yaw,
+            heading=after.yaw,
+            heading_error=float(wrap_angle(bearing - after.yaw)),
+            roll=after.roll,
+            pitch=after.pitch,
+            elevation=after.z,
+            previous_elevations=tuple(self._elevations),
+            cover_centre=cover.centre_distance(after),
+            cover_surface=cover.surface_distance(after),
+            shelter=shelter.distance,
+            hidden=shelter.hidden,
+            exposure=seen.united,
+            seconds=DECISION_S,
+            status=self.status,
+        )
+
+    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
+        return {
+            "terms": terms,
+            "status": self.status,
+            "pose": self._pose,
+            "exposed_s": self.exposed_s,
+            "success": self.status is Status.REACHED,
+        }
+
+    def close(self) -> None:
+        """Free the world; safe to call twice."""
+        if self._world is not None:
+            self._world.close()
+            self._world = None
+
+
+def command_of(action: np.ndarray) -> Twist:
+    """The velocities that an action (2,) from -1 to 1 stands for (TERP's), clipped to that range.
+
+    Raises ValueError for anything but two finite numbers."""
+    numbers = np.asarray(action, float).ravel()
+    if numbers.shape != (2,) or not np.isfinite(numbers).all():
+        raise ValueError(f"an action is two finite numbers, speed and yaw rate, got {action!r}")
+    forward, turn = np.clip(numbers, -1.0, 1.0).tolist()
+    return Twist(0.5 * (forward + 1.0) * HUSKY.max_speed, turn * HUSKY.max_yaw_rate)
+
+
+def action_of(command: Twist) -> np.ndarray:
+    """The action (2,) float32 whose command comes nearest."""
+    action = (2.0 * command.v / HUSKY.max_speed - 1.0, command.w / HUSKY.max_yaw_rate)
+    return np.clip(action, -1.0, 1.0).astype(np.float32)
