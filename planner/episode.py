@@ -139,9 +139,7 @@ class Ground:
         patrol = self._beat(watcher, route, rng) if task.patrols else None
         return watcher.model_copy(update={"known": task.known, "patrol": patrol})
 
-    def _beat(
-        self, watcher: Observer, route: tuple[Place, Place], rng: np.random.Generator
-    ) -> Patrol | None:
+    def _beat(self, watcher: Observer, route: tuple[Place, Place], rng: np.random.Generator) -> Patrol | None:
         """To a place nearby and back; None where there is none."""
         turn, reach = rng.uniform(-math.pi, math.pi, 32), rng.uniform(*BEAT, 32)
         places = np.column_stack([watcher.x + reach * np.cos(turn), watcher.y + reach * np.sin(turn)])

@@ -45,9 +45,9 @@ class CoverGround:
         self._row = {thing.id: row for row, thing in enumerate(able)}
         self._centres = np.column_stack([places, heightmap.height_at(*places.T)])
         self._turn = np.array([(math.cos(o.yaw), math.sin(o.yaw)) for o in outlines]).reshape(-1, 2)
-        self._half = 0.5 * np.array(
-            [(o.length, o.length if o.round else o.width) for o in outlines]
-        ).reshape(-1, 2)
+        self._half = 0.5 * np.array([(o.length, o.length if o.round else o.width) for o in outlines]).reshape(
+            -1, 2
+        )
         self._round = np.array([o.round for o in outlines], bool)
 
     def centre_distance(self, pose: Pose) -> float:
@@ -68,9 +68,7 @@ class CoverGround:
         square = outside + np.minimum(np.maximum(along, across), 0.0)
         return np.where(self._round, np.hypot(*offset.T) - self._half[:, 0], square)
 
-    def shelter(
-        self, rays: RayScene, views: Sequence[View], seen: VisibleFraction, pose: Pose
-    ) -> Shelter:
+    def shelter(self, rays: RayScene, views: Sequence[View], seen: VisibleFraction, pose: Pose) -> Shelter:
         """What stands between the robot and those who look its way.
 
         seen : of a robot at `pose` by `views`

@@ -87,24 +87,19 @@ def drive(
     Returns the index of the outline that was run into, `FREE`, or `AT_THE_BORDER` of the map; the robot stops
     where it was last free.
     """
-    (
-        speed_lag, yaw_lag, speed_gain, yaw_gain, climb_loss, slide, side_slip, turn_down, roll_loss, creep,
-    ) = response  # fmt: skip
+    speed_lag, speed_gain, yaw_gain, slide_turning, slide_driving, side_slip = response
     half_length, half_width, axle_x, axle_y = body
-    speed_share, yaw_share = 1.0 - math.exp(-dt / speed_lag), 1.0 - math.exp(-dt / yaw_lag)
+    speed_share = 1.0 - math.exp(-dt / speed_lag)
     for _ in range(steps):
         state[REFERENCE_V] += min(max(command[0] - state[REFERENCE_V], -limits[0] * dt), limits[0] * dt)
         state[REFERENCE_W] += min(max(command[1] - state[REFERENCE_W], -limits[1] * dt), limits[1] * dt)
         x, y, yaw = state[X], state[Y], state[YAW]
         rise, bank = slopes(heights, resolution, x_min, y_min, x, y, yaw, axle_x, axle_y)
         v, w = state[REFERENCE_V], state[REFERENCE_W]
-        speed = speed_gain * v - climb_loss * rise * abs(v) - roll_loss * abs(w) * v - creep * rise
-        rate = yaw_gain * w + turn_down * bank * v
-        state[SPEED] += speed_share * (speed - state[SPEED])
-        state[YAW_RATE] += yaw_share * (rate - state[YAW_RATE])
-        aside = -slide * bank * (abs(state[YAW_RATE]) + 0.2 * abs(state[SPEED])) + side_slip * (
-            state[SPEED] * state[YAW_RATE]
-        )
+        state[SPEED] += speed_share * (speed_gain * v - state[SPEED])
+        state[YAW_RATE] = yaw_gain * w
+        sliding = slide_turning * abs(state[YAW_RATE]) + slide_driving * abs(state[SPEED])
+        aside = -side_slip * state[SPEED] * state[YAW_RATE] - sliding * bank
         level = state[SPEED] / math.sqrt(1.0 + rise * rise)
         middle = yaw + 0.5 * dt * state[YAW_RATE]
         cos, sin = math.cos(middle), math.sin(middle)
