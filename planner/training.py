@@ -1,0 +1,394 @@
+"""Training a policy: episodes are driven in a process of their own, the learner learns from earlier ones.
+
+Episode k is driven by the policy as it was after the updates for episode k − 2, while those for episode k − 1
+are made: both cores are busy, and yet the settings alone decide every number. All randomness is drawn afresh
+for each episode from the seed and the episode's number, so that nothing about it has to be kept.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import math
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+
+from planner.checkpoint import weights
+from planner.ddpg import Ddpg, DdpgConfig, LossError, Losses
+from planner.networks import PAPER, Architecture
+from planner.replay import Batch, Episode, Replay, mixed
+from planner.training_collector import (
+    Collected,
+    CollectionError,
+    Collector,
+    CollectorProcess,
+    EpisodeOrder,
+    StepFrame,
+)
+from planner.training_store import Progress, TrainingError, TrainingRefusal, TrainingStore
+from scenes.scenario import Family
+
+ALL_TERRAINS = tuple(family.value for family in Family)
+
+_POLICY_STREAM, _BATCH_STREAM, _EPISODE_STREAM = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What a training depends on, as published where the paper says.
+
+    episodes, steps : of the training, and of each episode at most
+    environment, options : for `gymnasium.make`
+    resets : options of the reset, taken in turn from episode to episode
+    random_episodes : driven at random before the policy drives
+    demonstration_share : of each batch, where demonstrations are given
+    """
+
+    episodes: int = 100
+    steps: int = 100
+    seed: int = 0
+    environment: str = "CoverNav-v0"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    resets: tuple[Mapping[str, Any], ...] = tuple({"terrain": terrain} for terrain in ALL_TERRAINS)
+    random_episodes: int = 2
+    demonstration_share: float = 0.5
+    architecture: Architecture = PAPER
+    ddpg: DdpgConfig = field(default_factory=DdpgConfig)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON holds it. Raises TrainingRefusal for options that JSON does not hold."""
+        return asdict(replace(self, options=dict(self.options), resets=tuple(dict(r) for r in self.resets)))
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> TrainingSettings:
+        """Raises TrainingRefusal where it is of another version."""
+        try:
+            ddpg = DdpgConfig(**{**document["ddpg"], "betas": tuple(document["ddpg"]["betas"])})
+            architecture = Architecture(**document["architecture"])
+            changed = {"ddpg": ddpg, "architecture": architecture, "resets": tuple(document["resets"])}
+            return cls(**{**document, **changed})
+        except (KeyError, TypeError) as error:
+            raise TrainingRefusal(f"the settings are of another version ({error})") from None
+
+
+@dataclass(frozen=True)
+class EpisodeDone:
+    """An episode that was driven, kept and, with its checkpoint, safe.
+
+    losses : means over the updates made while it was driven; total : its return; final : its last status
+    steps_per_s : of driving and learning together, by the clock
+    """
+
+    number: int
+    steps: int
+    total: float
+    terms: dict[str, float]
+    success: bool
+    exposed_s: float
+    final: str
+    losses: Losses
+    updates: int
+    steps_per_s: float
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """The training is over: all episodes are done, or it was told to stop; what was done is kept."""
+
+    episodes: int
+    complete: bool
+
+
+TrainingEvent = EpisodeDone | StepFrame | Stopped
+
+
+class Curriculum(Protocol):
+    """Sets the next episode's task by how those before went."""
+
+    def options(self) -> Mapping[str, Any]: ...
+    def record(self, success: bool) -> object: ...
+    def state(self) -> dict[str, Any]: ...
+    def restore(self, state: Mapping[str, Any]) -> None: ...
+
+
+class Control:
+    """Pauses, resumes and stops a training from another thread, between two steps."""
+
+    def __init__(self) -> None:
+        self._go, self._stop = threading.Event(), threading.Event()
+        self._go.set()
+
+    def pause(self) -> None:
+        self._go.clear()
+
+    def resume(self) -> None:
+        self._go.set()
+
+    def stop(self) -> None:
+        self._stop.set()
+        self._go.set()
+
+    @property
+    def paused(self) -> bool:
+        return not self._go.is_set()
+
+    @property
+    def stopped(self) -> bool:
+        return self._stop.is_set()
+
+    def wait(self) -> None:
+        """Return when it is not paused."""
+        self._go.wait()
+
+
+class Trainer:
+    """One training in one folder. `run` yields what happens; abandoning it, as killing the process, loses the
+    episode on its way and nothing else.
+
+    parallel : drive the episodes in a process of their own; the result is the same
+    frames_every : steps between `StepFrame`s, 0 for none
+    demonstrations : driven by somebody else, mixed into every batch
+
+    Raises TrainingRefusal for a folder that does not fit.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        settings: TrainingSettings | None = None,
+        *,
+        control: Control | None = None,
+        parallel: bool = True,
+        frames_every: int = 0,
+        curriculum: Curriculum | None = None,
+        demonstrations: tuple[Episode, ...] = (),
+    ):
+        self.control = control or Control()
+        self._store = TrainingStore(folder, new=settings is not None)
+        self._parallel, self._frames_every, self._curriculum = parallel, frames_every, curriculum
+        try:
+            if settings is None:
+                settings = TrainingSettings.from_document(self._store.settings())
+            else:
+                self._store.begin(settings.document())
+            self.settings = settings
+            self.progress = self._store.progress()
+            reads = settings.architecture
+            self.learner = Ddpg(reads, settings.ddpg, self._draw(_POLICY_STREAM, 0))
+            self.replay = Replay(settings.ddpg.buffer, reads.channels, reads.state)
+            self._store.restore(self.progress, self.learner, self.replay)
+            if curriculum is not None and self.progress.curriculum is not None:
+                curriculum.restore(self.progress.curriculum)
+            self._demonstrations = self._shown(demonstrations)
+        except BaseException:
+            self._store.close()
+            raise
+
+    def _shown(self, demonstrations: tuple[Episode, ...]) -> Replay | None:
+        if not demonstrations:
+            return None
+        reads, size = self.settings.architecture, sum(len(episode) + 1 for episode in demonstrations)
+        shown = Replay(size, reads.channels, reads.state)
+        for episode in demonstrations:
+            shown.add(episode)
+        return shown
+
+    def run(self) -> Iterator[TrainingEvent]:
+        """Train until all episodes are done or `control` stops it, yielding what happens.
+
+        Raises TrainingError where it cannot go on: a loss or reward that is not finite, a full disk, an
+        environment that fails. The last checkpoint stays."""
+        _prepare_process()
+        settings = self.settings
+        collector = Collector(
+            settings.environment, {**settings.options, "max_steps": settings.steps}, settings.architecture
+        )
+        source = CollectorProcess(collector) if self._parallel else _Inline(collector)
+        curves = _Curves(self._store.folder, self.progress.episodes)
+        try:
+            while self.progress.learnt < settings.episodes and not self.control.stopped:
+                yield from self._round(source, curves)
+            yield Stopped(self.progress.episodes, self.progress.learnt >= settings.episodes)
+        except (CollectionError, LossError) as error:
+            kept = f"the checkpoint after episode {self.progress.episodes} is kept in {self._store.folder}"
+            raise TrainingError(f"{error}; {kept}") from error
+        finally:
+            source.close()
+            curves.close()
+            self._store.close()
+
+    # --- a round ---------------------------------------------------------------------------------
+
+    def _round(self, source: CollectorProcess | _Inline, curves: _Curves) -> Iterator[TrainingEvent]:
+        """Drive the next episode while the updates for the last one are made; keep both."""
+        begun, progress = time.perf_counter(), self.progress
+        number, collected = progress.episodes, None
+        driving = number < self.settings.episodes
+        if driving:
+            source.begin(self._order(number))
+        losses: list[Losses] = []
+        batches = self._batches(number) if progress.learnt < number else iter(())
+        for batch in batches:
+            losses.append(self.learner.update(batch))
+            if self._held(source):
+                return
+            item = source.poll() if driving and collected is None else None
+            if isinstance(item, Collected):
+                collected = item
+            elif item is not None:
+                yield item
+        while driving and collected is None:
+            item = source.poll(0.05)
+            if isinstance(item, Collected):
+                collected = item
+            elif item is not None:
+                yield item
+            if self._held(source):
+                return
+        updates = progress.updates + len(losses)
+        if collected is None:
+            learner = f"learner-{number:06d}-final.safetensors"
+            progress = replace(progress, learnt=number, updates=updates, learner=learner)
+            self._store.commit(progress, self.learner)
+            self.progress = progress
+            return
+        pace = len(collected.episode) / (time.perf_counter() - begun)
+        done = EpisodeDone(
+            number, len(collected.episode), collected.total, collected.terms, collected.success,
+            collected.exposed_s, collected.final, _mean(losses), updates, pace,
+        )  # fmt: skip
+        self._keep(collected.episode, done)
+        curves.add(done)
+        yield done
+
+    def _keep(self, episode: Episode, done: EpisodeDone) -> None:
+        """All of it in memory and on disk, the checkpoint last."""
+        store, number = self._store, done.number
+        store.keep_episode(number, episode)
+        self.replay.add(episode)
+        if self._curriculum is not None:
+            self._curriculum.record(done.success)
+        row = {name: value for name, value in asdict(done).items() if name != "steps_per_s"}
+        row["losses"] = None if math.isnan(done.losses.critic) else row["losses"]
+        progress = Progress(
+            episodes=number + 1,
+            learnt=number,
+            updates=done.updates,
+            learner=f"learner-{number + 1:06d}.safetensors",
+            log_bytes=store.append("episodes.jsonl", row),
+            pace_bytes=store.append("pace.jsonl", {"number": number, "steps_per_s": done.steps_per_s}),
+            curriculum=None if self._curriculum is None else self._curriculum.state(),
+        )
+        store.commit(progress, self.learner)
+        self.progress = progress
+
+    def _held(self, source: CollectorProcess | _Inline) -> bool:
+        """Wait while paused; whether to stop."""
+        if self.control.paused:
+            source.pause()
+            self.control.wait()
+            source.go_on()
+        return self.control.stopped
+
+    def _order(self, number: int) -> EpisodeOrder:
+        settings = self.settings
+        options = settings.resets[number % len(settings.resets)] if settings.resets else {}
+        if self._curriculum is not None:
+            options = self._curriculum.options()
+        return EpisodeOrder(
+            number,
+            self._draw(_EPISODE_STREAM, number),
+            settings.steps,
+            None if number < settings.random_episodes else settings.ddpg.noise,
+            options,
+            weights(self.learner.actor),
+            self._frames_every,
+        )
+
+    def _batches(self, number: int) -> Iterator[Batch]:
+        """One for each step of the newest episode, from all that was driven so far."""
+        size = self.settings.ddpg.batch
+        if len(self.replay) < size:
+            return
+        rng = np.random.default_rng([self.settings.seed, _BATCH_STREAM, number])
+        shown = self._demonstrations
+        share = 0 if shown is None else round(self.settings.demonstration_share * size)
+        for _ in range(self.replay.newest):
+            batch = self.replay.sample(size - share, rng)
+            yield batch if shown is None else mixed((batch, shown.sample(share, rng)))
+
+    def _draw(self, stream: int, number: int) -> int:
+        return int(np.random.SeedSequence([self.settings.seed, stream, number]).generate_state(1)[0])
+
+
+class _Inline:
+    """A collector in this process, which drives when it is asked for what came in."""
+
+    def __init__(self, collector: Collector):
+        self._collector = collector
+        self._items: Iterator[StepFrame | Collected] = iter(())
+
+    def begin(self, order: EpisodeOrder) -> None:
+        self._items = self._collector.collect(order)
+
+    def poll(self, timeout: float = 0.0) -> StepFrame | Collected | None:
+        return next(self._items, None)
+
+    def pause(self) -> None: ...
+
+    def go_on(self) -> None: ...
+
+    def close(self) -> None:
+        self._collector.close()
+
+
+class _Curves:
+    """The episodes' figures as TensorBoard reads them."""
+
+    def __init__(self, folder: Path, first: int):
+        from torch.utils.tensorboard import SummaryWriter
+
+        self._writer = SummaryWriter(str(folder), purge_step=first or None)
+
+    def add(self, done: EpisodeDone) -> None:
+        """Raises TrainingError where the disk does not take them."""
+        figures = {"return": done.total, "success": float(done.success), "exposed_s": done.exposed_s}
+        figures |= {f"terms/{name}": value for name, value in done.terms.items()}
+        figures |= {f"losses/{name}": value for name, value in asdict(done.losses).items()}
+        figures["steps_per_s"] = done.steps_per_s
+        try:
+            for name, value in figures.items():
+                if math.isfinite(value):
+                    self._writer.add_scalar(name, value, done.number)
+            self._writer.flush()
+        except OSError as error:
+            raise TrainingError(f"the curves cannot be written: {error.strerror or error}") from None
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._writer.close()
+
+
+def _mean(losses: list[Losses]) -> Losses:
+    if not losses:
+        return Losses()
+    critic, actor = np.mean([(loss.critic, loss.actor) for loss in losses], axis=0).tolist()
+    return Losses(critic, actor)
+
+
+def _prepare_process() -> None:
+    """One thread, that sums come out the same everywhere; and memory that was freed is kept, or most of an
+    update would go into getting the same few megabytes from the system again."""
+    torch.set_num_threads(1)
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        trim_threshold, mmap_threshold = -1, -3
+        mallopt(trim_threshold, 1 << 30)
+        mallopt(mmap_threshold, 1 << 30)

@@ -1,0 +1,193 @@
+"""A training's folder: settings, checkpoints, episodes, logs. The newest checkpoint is whole, come what may.
+
+=========================  =====================================================================
+settings.json              what the training was started with
+checkpoint.json            which files hold the newest checkpoint; its replacement commits it
+learner-NNNNNN.safetensors networks and optimisers after so many episodes; the newest alone
+replay/NNNNNN.safetensors  each episode as it was driven
+policy.safetensors         the newest policy, ready to drive; policies/ has every tenth
+episodes.jsonl             a line an episode: return, terms, success, exposure, losses
+pace.jsonl                 steps a second, which differ from run to run
+events.out.tfevents…       the same curves for TensorBoard
+lock                       held by the process that trains here
+=========================  =====================================================================
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from planner.checkpoint import PolicyError, read_tensors, save_policy, write_file, write_tensors
+from planner.ddpg import Ddpg
+from planner.replay import Episode, Replay
+
+KEPT_EVERY = 10
+"""Episodes between the policies that stay."""
+
+
+class TrainingError(RuntimeError):
+    """A training that cannot begin or go on; what was finished is kept, and the message says so."""
+
+
+class TrainingRefusal(ValueError):
+    """A training that was asked for wrongly: where, and what would be right."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """episodes : driven and kept; learnt : of these, those followed by their updates; updates : in all
+    log_bytes, pace_bytes : of the two logs that belong to the checkpoint
+    curriculum : its state, where there is one
+    """
+
+    episodes: int = 0
+    learnt: int = 0
+    updates: int = 0
+    learner: str = ""
+    log_bytes: int = 0
+    pace_bytes: int = 0
+    curriculum: dict[str, Any] | None = None
+
+
+class TrainingStore:
+    """Opens a folder for one training at a time; `close` gives it up.
+
+    Raises TrainingRefusal where it is in use or cannot be written, for a new training where it is not empty,
+    and for one that goes on where it holds none.
+    """
+
+    def __init__(self, folder: Path, *, new: bool):
+        self.folder = folder
+        try:
+            if new:
+                folder.mkdir(parents=True, exist_ok=True)
+            elif not (folder / "settings.json").is_file():
+                raise TrainingRefusal(f"{folder} holds no training to go on with")
+            self._lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError as error:
+            raise TrainingRefusal(f"{folder} cannot be written: {error.strerror or error}") from None
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            pid = os.pread(self._lock, 32, 0).decode(errors="replace").strip() or "another process"
+            os.close(self._lock)
+            raise TrainingRefusal(f"process {pid} trains in {folder} already; choose another") from None
+        try:
+            if new:
+                self._check_empty()
+            os.ftruncate(self._lock, 0)
+            os.pwrite(self._lock, str(os.getpid()).encode(), 0)
+            (folder / "replay").mkdir(exist_ok=True)
+            (folder / "policies").mkdir(exist_ok=True)
+        except OSError as error:
+            self.close()
+            raise TrainingRefusal(f"{folder} cannot be written: {error.strerror or error}") from None
+        except TrainingRefusal:
+            self.close()
+            raise
+
+    def _check_empty(self) -> None:
+        if (self.folder / "settings.json").exists():
+            raise TrainingRefusal(f"{self.folder} holds a training already; go on with it, or choose another")
+        for found in self.folder.iterdir():
+            if found.name != "lock":
+                raise TrainingRefusal(f"{self.folder} is not empty (it has {found.name!r}); choose another")
+
+    def close(self) -> None:
+        """Let others train here; safe to call twice."""
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+    # --- what is kept ----------------------------------------------------------------------------
+
+    def begin(self, settings: dict[str, Any]) -> None:
+        """Keep a new training's settings."""
+        self._write("settings.json", json.dumps(settings, indent=1) + "\n")
+
+    def settings(self) -> dict[str, Any]:
+        """Raises TrainingRefusal where they cannot be read."""
+        return self._read("settings.json")
+
+    def progress(self) -> Progress:
+        """As of the newest checkpoint; none yet for a training that did not come so far."""
+        if not (self.folder / "checkpoint.json").is_file():
+            return Progress()
+        try:
+            return Progress(**self._read("checkpoint.json"))
+        except TypeError:
+            path = self.folder / "checkpoint.json"
+            raise TrainingRefusal(f"{path} is not a checkpoint of this version") from None
+
+    def restore(self, progress: Progress, learner: Ddpg, replay: Replay) -> None:
+        """Fill learner and buffer, and cut the logs back to the checkpoint. Raises TrainingRefusal where a
+        file is damaged."""
+        try:
+            for number in range(progress.episodes):
+                replay.add(Episode.load(self._episode(number)))
+            if progress.learner:
+                path = self.folder / progress.learner
+                learner.restore(read_tensors(path)[0], path)
+        except PolicyError as error:
+            raise TrainingRefusal(f"the training cannot go on: {error}") from None
+        for name, size in (("episodes.jsonl", progress.log_bytes), ("pace.jsonl", progress.pace_bytes)):
+            path = self.folder / name
+            if path.exists():
+                os.truncate(path, size)
+
+    def keep_episode(self, number: int, episode: Episode) -> None:
+        """Raises TrainingError where the disk does not take it."""
+        self._attempt(lambda: episode.save(self._episode(number)))
+
+    def append(self, name: str, row: dict[str, Any]) -> int:
+        """Add a line to a log; returns its length in bytes after it."""
+        line = (json.dumps(row) + "\n").encode()
+
+        def write() -> int:
+            with open(self.folder / name, "ab") as log:
+                log.write(line)
+                log.flush()
+                os.fsync(log.fileno())
+                return log.tell()
+
+        return self._attempt(write)
+
+    def commit(self, progress: Progress, learner: Ddpg) -> None:
+        """Make a checkpoint the newest, and let go of the one before. Raises TrainingError."""
+        path = self.folder / progress.learner
+        self._attempt(lambda: write_tensors(path, learner.tensors()))
+        about = {"episodes": str(progress.episodes), "updates": str(progress.updates)}
+        self._attempt(lambda: save_policy(self.folder / "policy.safetensors", learner.actor, about))
+        if progress.episodes % KEPT_EVERY == 0:
+            kept = self.folder / "policies" / f"episode_{progress.episodes:06d}.safetensors"
+            self._attempt(lambda: save_policy(kept, learner.actor, about))
+        self._write("checkpoint.json", json.dumps(asdict(progress), indent=1) + "\n")
+        for old in self.folder.glob("learner-*.safetensors"):
+            if old != path:
+                old.unlink(missing_ok=True)
+
+    def _episode(self, number: int) -> Path:
+        return self.folder / "replay" / f"{number:06d}.safetensors"
+
+    def _read(self, name: str) -> dict[str, Any]:
+        try:
+            return json.loads((self.folder / name).read_text())
+        except (OSError, ValueError) as error:
+            raise TrainingRefusal(f"{self.folder / name} cannot be read: {error}") from None
+
+    def _write(self, name: str, text: str) -> None:
+        self._attempt(lambda: write_file(self.folder / name, text.encode()))
+
+    def _attempt(self, write):
+        try:
+            return write()
+        except OSError as error:
+            reason = error.strerror or error
+            raise TrainingError(
+                f"{self.folder} cannot be written any more: {reason}; the last checkpoint there is whole"
+            ) from None
