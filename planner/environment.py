@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
+from dataclasses import fields, replace
 from enum import StrEnum
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
+from planner.elevation_map import MapConfig
 from planner.episode import Ground, Grounds, Task, check_reachable
 from planner.frames import Percept, Perception, Status
 from planner.line_of_sight import View, VisibleFraction, views_at, visible_fraction
@@ -32,7 +33,7 @@ GOAL_RADIUS = 0.5
 ROLLED_OVER_UP = math.cos(math.radians(60.0))
 REMEMBERED = 8  # positions, for r_elev
 
-TASK_OPTIONS = ("terrain", "goal_distance", "observers", "patrols", "known", "obstacles")
+TASK_OPTIONS = tuple(field.name for field in fields(Task))
 
 
 class Dynamics(StrEnum):
@@ -50,6 +51,9 @@ SENSING = {
 }
 """At four decisions a second: the mission's sensors, whose camera looks twice a second; and, where speed
 matters, every other azimuth of the lidar and every other pixel of a camera that looks once a second."""
+
+MAPPING = {Dynamics.PHYSICS: MapConfig(), Dynamics.KINEMATIC: MapConfig(size=30.0)}
+"""The mission's map; and, where speed matters, as much of it as observations show, whichever way it heads."""
 
 
 class CoverNavEnv(gymnasium.Env[Observation, np.ndarray]):
@@ -75,8 +79,8 @@ class CoverNavEnv(gymnasium.Env[Observation, np.ndarray]):
         of a reset, draw drives on its ground
     variety : how many grounds of a terrain there are
 
-    `reset` takes a seed, from which all of the episode follows, and options: any of the six above, and
-    `scenario`. Raises ValueError for what is unknown or out of range, ScenarioError for a scenario
+    `reset` takes a seed, from which all of the episode follows, and options: any of those six, `scenario`
+    and `max_steps`. Raises ValueError for what is unknown or out of range, ScenarioError for a scenario
     without a reachable goal.
     """
 
@@ -101,12 +105,10 @@ class CoverNavEnv(gymnasium.Env[Observation, np.ndarray]):
     ):
         if isinstance(reward, str) and reward not in REWARDS:
             raise ValueError(f"reward {reward!r} is none of {', '.join(REWARDS)}")
-        if max_steps < 1:
-            raise ValueError(f"an episode has at least one step, got {max_steps}")
         self.task = Task(terrain, goal_distance, observers, patrols, known, obstacles)  # type: ignore[arg-type]
         self.reward = REWARDS[reward] if isinstance(reward, str) else reward
         self.dynamics, self.perception = Dynamics(dynamics), Perception(perception)
-        self.max_steps, self.render_mode = max_steps, render_mode
+        self.max_steps, self.render_mode = _at_least_one(max_steps), render_mode
         self.observation_space = spaces.Dict(
             layers=spaces.Box(LOW, HIGH, dtype=np.float32),
             state=spaces.Box(STATE_LOW, STATE_HIGH, dtype=np.float32),
@@ -126,9 +128,10 @@ class CoverNavEnv(gymnasium.Env[Observation, np.ndarray]):
         ground, self.scenario = self._drawn(dict(options or {}))
         self._ground, self._rays = ground, ground.rays()
         self._world = self._make_world()
-        sense = SENSING[self.dynamics]
         rng = np.random.default_rng(self.np_random.integers(2**63))
-        self._perceiver = Perceiver(self.scenario, self.perception, rng, sensing=sense)
+        self._perceiver = Perceiver(
+            self.scenario, self.perception, rng, MAPPING[self.dynamics], SENSING[self.dynamics]
+        )
         self.status, self.steps, self.exposed_s = Status.RUNNING, 0, 0.0
         self._elevations: deque[float] = deque(maxlen=REMEMBERED)
         self._pose = self._world.pose
@@ -138,9 +141,10 @@ class CoverNavEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _drawn(self, options: dict[str, Any]) -> tuple[Ground, Scenario]:
         wanted = options.pop("scenario", None)
+        self.steps_allowed = _at_least_one(options.pop("max_steps", None) or self.max_steps)
         unknown = sorted(set(options) - set(TASK_OPTIONS))
         if unknown:
-            known = ", ".join(("scenario", *TASK_OPTIONS))
+            known = ", ".join((*TASK_OPTIONS, "scenario", "max_steps"))
             raise ValueError(f"option {unknown[0]!r} is none of {known}")
         given = {name: value for name, value in options.items() if value is not None}
         task = replace(self.task, **given)
@@ -181,7 +185,7 @@ class CoverNavEnv(gymnasium.Env[Observation, np.ndarray]):
         shelter = self._ground.cover.shelter(self._rays, views, seen, self._pose)
         self._elevations.appendleft(before.z)
         terms = self.reward(self._moment(before, seen, shelter))
-        truncated = not self.status.final and self.steps >= self.max_steps
+        truncated = not self.status.final and self.steps >= self.steps_allowed
         turned = float(wrap_angle(self._pose.yaw - before.yaw))
         observation = self._observe(percept, views, seen, turned)
         return observation, terms["total"], self.status.final, truncated, self._info(terms)
@@ -247,6 +251,12 @@ class CoverNavEnv(gymnasium.Env[Observation, np.ndarray]):
         if self._world is not None:
             self._world.close()
             self._world = None
+
+
+def _at_least_one(steps: int) -> int:
+    if steps < 1:
+        raise ValueError(f"an episode has at least one step, got {steps}")
+    return int(steps)
 
 
 def command_of(action: np.ndarray) -> Twist:

@@ -36,6 +36,7 @@ FIRST_GROUND = 1_000_000
 USUAL_GOAL_DISTANCE = 12.0
 ENDS_DRAWN = 2000
 DISTANCE_SLACK = 0.1
+MAP_SIZES = (48.0, 80.0, 160.0)  # few, so that grounds are met again
 BEAT, CROSSING = (3.0, 8.0), 4.0  # metres a patrol walks before it turns; a passer-by, aside of the way
 
 Place = tuple[float, float]
@@ -69,7 +70,7 @@ class Task:
     @property
     def map_size(self) -> float:
         """Side of the square map in metres: room for the drive and a detour around it."""
-        return max(48.0, 1.6 * self.goal_distance)
+        return next(size for size in MAP_SIZES if 1.6 * self.goal_distance <= size)
 
 
 class Ground:

@@ -77,7 +77,7 @@ HUSKY_RESPONSE = Response(
     side_slip=0.1347,
 )
 """By `python -m scenes.kinematic_fit`: half of 160 random drives of 5 s in physics, 40 on each terrain. On
-the other half the model is 3 to 4 cm and 1.5 to 2° off after a second on the median and 6 to 9 cm and 2° after
+the other half the model is 3 to 4 cm and 2° off after a second on the median, and 6 to 9 cm and 2° after
 2.5 s, least on normal ground and most in the forest; one in ten is off by 7 to 10 cm and 14 to 22 cm."""
 
 
