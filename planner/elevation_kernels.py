@@ -8,6 +8,7 @@ FOOT, TOP, BELOW          lowest and highest return from what stands there, and 
 EVIDENCE, GAINED, TURN    how surely it stands there, what the newest scan added, and which scan that was
 HANG                      lowest return from what hangs higher than the robot
 WATER                     returns from water less returns from dry ground, between -MAX_WET and MAX_WET
+PEAK                      highest return from what stands or hangs there
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ import numpy as np
 
 from planner.ground_segmentation import GROUND, STANDING
 
-MEAN, SPREAD, WEIGHT, LOWEST, HIGHEST, FOOT, TOP, BELOW, EVIDENCE, GAINED, TURN, HANG, WATER = range(13)
-EMPTY = np.array([0.0, 0.0, 0.0, np.nan, np.nan, np.inf, -np.inf, 0.0, 0.0, 0.0, -1.0, np.inf, 0.0])
+MEAN, SPREAD, WEIGHT, LOWEST, HIGHEST, FOOT, TOP, BELOW, EVIDENCE, GAINED, TURN, HANG, WATER, PEAK = range(14)
+EMPTY = np.array([0.0, 0.0, 0.0, np.nan, np.nan, np.inf, -np.inf, 0.0, 0.0, 0.0, -1.0, np.inf, 0.0, -np.inf])
 
 GATE = 0.3  # metres: ground this far from what a cell holds is not the same surface
 SIGMA_PER_METRE = 0.003  # what pointing adds to a height's standard deviation
@@ -64,6 +65,7 @@ def fuse(
                     cell[WATER] = min(max(cell[WATER], -MAX_WET), MAX_WET)
             elif z - below >= clearance:
                 cell[HANG] = min(cell[HANG], z)
+                cell[PEAK] = max(cell[PEAK], z)
             else:
                 _add_standing(cell, z, below, turn)
 
@@ -91,8 +93,10 @@ def add_ground(cell, z, weight):
 def _add_standing(cell, z, below, turn):
     if cell[EVIDENCE] == 0.0:
         cell[FOOT], cell[TOP] = z, z
+        cell[PEAK] = z if cell[HANG] == np.inf else cell[PEAK]
     cell[FOOT] = min(cell[FOOT], z)
     cell[TOP] = max(cell[TOP], z)
+    cell[PEAK] = max(cell[PEAK], z)
     cell[BELOW] = below
     if cell[TURN] != turn:
         cell[TURN], cell[GAINED] = turn, 0.0
@@ -239,10 +243,13 @@ def standing_things(cells, elevation, clearance, step):
     """What stands and what hangs over the ground `elevation` (rows, cols; NaN unknown).
 
     Returns (rows, cols) bool, where something higher than `step` reaches lower than `clearance` or where
-    there is water, and (rows, cols) float64 the clearance under what hangs there, inf where nothing does.
+    there is water, (rows, cols) float64 the clearance under what hangs there, inf where nothing does, and
+    (2, rows, cols) float64 the heights between which something was seen to hang, or to stand where it
+    reaches lower than `clearance`: inf and -inf where nothing was.
     """
     rows, cols = elevation.shape
-    blocked = np.zeros((rows, cols), np.bool_)
+    blocked, span = np.zeros((rows, cols), np.bool_), np.empty((2, rows, cols))
+    span[0], span[1] = np.inf, -np.inf
     overhang = np.full((rows, cols), np.inf)
     for row in range(rows):
         for col in range(cols):
@@ -260,7 +267,9 @@ def standing_things(cells, elevation, clearance, step):
                 else:
                     blocked[row, col] = True
             overhang[row, col] = max(hang - ground, 0.0)
-    return blocked, overhang
+            span[0, row, col] = cells[row, col, FOOT] if stands else hang
+            span[1, row, col] = cells[row, col, PEAK]
+    return blocked, overhang, span
 
 
 @numba.njit(cache=True)

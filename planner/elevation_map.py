@@ -159,7 +159,7 @@ class ElevationMap:
         """The map as planners read it: small gaps filled, obstacles judged over the ground as now known."""
         mean, spread = kernels.measured_ground(self._cells)
         elevation, variance = kernels.fill_gaps(mean, spread, self.config.resolution, self.config.max_gap)
-        blocked, overhang = kernels.standing_things(
+        blocked, overhang, span = kernels.standing_things(
             self._cells, elevation, self.config.clearance, self.config.max_step
         )
         return GridMap(
@@ -170,6 +170,7 @@ class ElevationMap:
             variance.astype(np.float32),
             blocked | step_cells(mean, self.config),
             overhang.astype(np.float32),
+            span.astype(np.float32),
         )
 
     def patch(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:

@@ -47,6 +47,8 @@ class GridMap:
     variance : (rows, cols) float32, of the ground height in m²
     obstacle : (rows, cols) bool, something that blocks the robot's body stands there
     overhang : (rows, cols) float32 clearance under what hangs above the ground, inf where nothing does
+    span : (2, rows, cols) float32 lowest and highest height at which something stands or hangs there,
+        inf and -inf where nothing does
     """
 
     x_min: float
@@ -56,6 +58,7 @@ class GridMap:
     variance: np.ndarray
     obstacle: np.ndarray
     overhang: np.ndarray
+    span: np.ndarray
 
     @property
     def unknown(self) -> np.ndarray:

@@ -26,7 +26,7 @@ class TrueMap:
 
     def about(self, x: float, y: float) -> GridMap:
         """The window about a robot at (x, y): true heights, unknown off the map and where the survey has no
-        data; obstacles are cover footprints, steps and water; overhang is not mapped."""
+        data; obstacles are cover footprints, steps and water; what hangs is not mapped."""
         x_min, y_min = window_origin(x, y, self.config)
         if self._grid is None or (self._grid.x_min, self._grid.y_min) != (x_min, y_min):
             self._grid = self._cut(x_min, y_min)
@@ -56,32 +56,41 @@ def true_grid(
     elevation = np.where(known, heightmap.height_at(x, y), np.nan)
     blocked = step_cells(elevation, config)
     blocked |= known & (heightmap.surface[row, col] == SURFACES.index(Surface.WATER))
+    span = np.stack([np.full(shape, np.inf, np.float32), np.full(shape, -np.inf, np.float32)])
     for thing in cover:
-        _mark(blocked, thing, x_min, y_min, resolution)
+        place, inside = _cells_under(thing, x_min, y_min, resolution, shape)
+        blocked[place] |= inside
+        foot = float(heightmap.height_at(thing.x, thing.y))
+        span[0][place][inside] = np.minimum(span[0][place][inside], foot)
+        span[1][place][inside] = np.maximum(span[1][place][inside], foot + (thing.height or 0.0))
     return GridMap(
         x_min, y_min, resolution,
         elevation.astype(np.float32),
         np.where(known, 0.0, np.nan).astype(np.float32),
         blocked,
         np.full(shape, np.inf, np.float32),
+        span,
     )  # fmt: skip
 
 
-def _mark(blocked: np.ndarray, thing: CoverObject, x_min: float, y_min: float, resolution: float) -> None:
-    """Set the cells that the footprint touches, up to half a cell beyond its outline."""
+def _cells_under(
+    thing: CoverObject, x_min: float, y_min: float, resolution: float, shape: tuple[int, int]
+) -> tuple[tuple[slice, slice], np.ndarray]:
+    """The part of a grid that holds the footprint, and (rows, cols) bool in it the cells that the footprint
+    touches, up to half a cell beyond its outline."""
     outline = thing.footprint
     reach = outline.radius + resolution
-    rows, cols = blocked.shape
+    rows, cols = shape
     south, west = outline.y - y_min - reach, outline.x - x_min - reach
     span = math.ceil(2.0 * reach / resolution) + 1
     first_row, first_col = math.floor(south / resolution), math.floor(west / resolution)
     row = np.arange(max(first_row, 0), min(first_row + span + 1, rows))
     col = np.arange(max(first_col, 0), min(first_col + span + 1, cols))
     if not len(row) or not len(col):
-        return
+        return (slice(0, 0), slice(0, 0)), np.zeros((0, 0), bool)
     x, y = np.meshgrid(x_min + col * resolution, y_min + row * resolution)
     inside = outline.distance(np.column_stack([x.ravel(), y.ravel()])) <= 0.5 * resolution
-    blocked[row[0] : row[-1] + 1, col[0] : col[-1] + 1] |= inside.reshape(x.shape)
+    return (slice(row[0], row[-1] + 1), slice(col[0], col[-1] + 1)), inside.reshape(x.shape)
 
 
 def true_obstacles(obstacles: Iterable[MovingObstacle], time_s: float) -> tuple[TrackedObstacle, ...]:

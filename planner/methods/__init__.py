@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from planner.frames import Decision, Percept
+from planner.methods.covernav import CoverNav
 from planner.methods.dwa import PlainDwa
 from planner.methods.least_cost import LeastCost
 from planner.methods.route import FollowRoute, balanced, most_hidden, shortest
@@ -50,6 +51,10 @@ METHODS: Mapping[str, MethodEntry] = {
     "least_cost": MethodEntry(
         lambda seed: LeastCost(),
         "Follows the least-cost route over slope, obstacles and unknown ground of the robot's own map.",
+    ),
+    "covernav": MethodEntry(
+        lambda seed: CoverNav(),
+        "Follows the least exposed of the routes over the robot's own map that are not too long.",
     ),
     "dwa": MethodEntry(
         lambda seed: PlainDwa(),

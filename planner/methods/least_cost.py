@@ -118,12 +118,24 @@ class LeastCost:
             (percept.goal[1] - cost_map.y_min) / cost_map.resolution,
             (percept.goal[0] - cost_map.x_min) / cost_map.resolution,
         )
-        route = least_cost_route(cost, cost_map.resolution, start, goal)
+        route, cost, patch = self._find_route(percept, cost_map, cost, start, goal)
         plan = _Plan(
-            percept.time_s, cost_map, cost, cost_map.patch(),
+            percept.time_s, cost_map, cost, patch,
             cost_map.centre(*route.cells.T) if route.found else np.zeros((0, 2)), route.reason,
         )  # fmt: skip
         return self._keep_old(percept, plan, route)
+
+    def _find_route(
+        self,
+        percept: Percept,
+        cost_map: CostMap,
+        cost: np.ndarray,
+        start: tuple[int, int],
+        goal: tuple[float, float],
+    ) -> tuple[Route, np.ndarray, CostPatch]:
+        """The route over `cost` (rows, cols) per metre, from a cell to a (row, col) that need not be whole;
+        with the cost that it is the cheapest for, and what to draw."""
+        return least_cost_route(cost, cost_map.resolution, start, goal), cost, cost_map.patch()
 
     def _keep_old(self, percept: Percept, plan: _Plan, route: Route) -> _Plan:
         """The new plan, along the old route where that is still about as good."""

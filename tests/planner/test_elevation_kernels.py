@@ -79,7 +79,7 @@ def test_returns_far_above_known_ground_stand_on_it():
     cell = cells[2, 2]
     assert cell[ek.MEAN] == 0.0
     assert (cell[ek.FOOT], cell[ek.TOP], cell[ek.EVIDENCE]) == (0.5, 0.5, 1.0)
-    assert cell[ek.HANG] == 2.0
+    assert (cell[ek.HANG], cell[ek.PEAK]) == (2.0, 2.0)
 
 
 def test_one_scan_adds_so_much_evidence_and_no_more():
@@ -201,6 +201,7 @@ def test_filling_follows_its_plain_twin(seed, gaps, max_gap):
 
 def plain_standing(cells, elevation, clearance, step):
     blocked, overhang = np.zeros(elevation.shape, bool), np.full(elevation.shape, np.inf)
+    span = np.stack([np.full(elevation.shape, np.inf), np.full(elevation.shape, -np.inf)])
     known = np.argwhere(np.isfinite(elevation))
     for row, col in np.ndindex(elevation.shape):
         cell = cells[row, col]
@@ -220,7 +221,8 @@ def plain_standing(cells, elevation, clearance, step):
             blocked[row, col] |= low
             hang = hang if low else min(hang, cell[ek.FOOT])
         overhang[row, col] = max(hang - ground, 0.0)
-    return blocked, overhang
+        span[:, row, col] = cell[ek.FOOT] if stands else hang, cell[ek.PEAK]
+    return blocked, overhang, span
 
 
 @given(seeds, st.floats(0.2, 1.0))
@@ -234,6 +236,7 @@ def test_judging_what_stands_follows_its_plain_twin(seed, unknown):
     cells[:, :, ek.BELOW] = rng.uniform(-0.2, 0.2, shape)
     cells[:, :, ek.WATER] = rng.integers(-3, 2, shape)
     cells[:, :, ek.HANG] = np.where(rng.random(shape) < 0.5, rng.uniform(0.0, 3.0, shape), np.inf)
+    cells[:, :, ek.PEAK] = cells[:, :, ek.TOP] + rng.uniform(0.0, 2.0, shape)
     elevation = np.where(rng.random(shape) < unknown, np.nan, rng.uniform(-0.3, 0.3, shape))
     for ours, plain in zip(
         ek.standing_things(cells, elevation, 0.6, 0.15),

@@ -192,10 +192,10 @@ def plane(pose: Pose, unknown=lambda x, y: np.zeros(x.shape, bool)) -> GridMap:
     config = MapConfig()
     x_min, y_min = window_origin(pose.x, pose.y, config)
     empty = np.zeros((config.cells, config.cells), np.float32)
-    grid = GridMap(x_min, y_min, config.resolution, empty, empty, empty > 0, empty)
+    grid = GridMap(x_min, y_min, config.resolution, empty, empty, empty > 0, empty, empty)
     x, y = centres(grid)
     elevation = np.where(unknown(x, y), np.nan, 0.1 * x + 0.2 * y).astype(np.float32)
-    return GridMap(x_min, y_min, config.resolution, elevation, empty, empty > 0, empty)
+    return GridMap(x_min, y_min, config.resolution, elevation, empty, empty > 0, empty, empty)
 
 
 @given(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-math.pi, math.pi))

@@ -223,7 +223,7 @@ def test_a_perceiver_goes_on_from_a_pickle_as_if_nothing_had_happened():
 
 def grid_of(obstacle: np.ndarray) -> GridMap:
     zeros = np.zeros(obstacle.shape, np.float32)
-    return GridMap(-1.0, -2.0, 0.5, zeros, zeros, obstacle, zeros)
+    return GridMap(-1.0, -2.0, 0.5, zeros, zeros, obstacle, zeros, zeros)
 
 
 def test_obstacle_points_are_the_rims_of_obstacles():

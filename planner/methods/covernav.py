@@ -1,0 +1,136 @@
+"""CoverNav as this project plans it: least-cost routes over the robot's own map with exposure among the
+costs, driven by the dynamic window."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planner.cost_map import CostMap
+from planner.frames import CostPatch, Decision, Percept, Perception
+from planner.hull_exposure import hull_exposure
+from planner.methods.least_cost import LeastCost, LeastCostConfig
+from planner.route import Route, least_cost_route
+from planner.sensed_exposure import sensed_exposure
+from scenes.rays import RayScene
+from scenes.scenario import Observer, Scenario
+
+
+@dataclass(frozen=True)
+class CoverNavConfig:
+    """weights : metres of hidden way that a metre in full view is worth, of the routes that are tried
+    longest : how many times as long as the shortest way the whole drive may be; a detour that is left of it
+        is never less than `detour` times the shortest way from here
+    seconds_per_metre : what a drive takes, for what is left of the time
+    """
+
+    weights: tuple[float, ...] = (2.0, 6.0, 15.0, 40.0)
+    longest: float = 2.0
+    detour: float = 1.2
+    drawn: float = 50.0
+    planner: LeastCostConfig = field(default_factory=lambda: LeastCostConfig(look_ahead=1.4))
+
+
+class CoverNav(LeastCost):
+    """Of the routes for several weights of exposure it takes the least exposed that is not too long."""
+
+    name = "covernav"
+
+    def __init__(self, config: CoverNavConfig | None = None):
+        self.covert = config or CoverNavConfig()
+        super().__init__(self.covert.planner)
+        self._scenario: Scenario | None = None
+        self._rays: RayScene | None = None
+        self._true: tuple[tuple[Observer, ...], np.ndarray] | None = None
+        self._forget()
+
+    def brief(self, scenario: Scenario, rays: RayScene) -> None:
+        """Take over the truth, which is looked at where the perception is the oracle's alone."""
+        self._scenario, self._rays, self._true = scenario, rays, None
+
+    def reset(self) -> None:
+        super().reset()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._begun_m: float | None = None
+        self._driven, self._last = 0.0, None
+
+    def decide(self, percept: Percept) -> Decision:
+        here = (percept.pose.x, percept.pose.y)
+        if self._last is not None:
+            self._driven += math.dist(here, self._last)
+        self._last = here
+        return super().decide(percept)
+
+    def __getstate__(self):
+        return self.__dict__ | {"_rays": None, "_scenario": None, "_true": None}
+
+    def _find_route(
+        self,
+        percept: Percept,
+        cost_map: CostMap,
+        cost: np.ndarray,
+        start: tuple[int, int],
+        goal: tuple[float, float],
+    ) -> tuple[Route, np.ndarray, CostPatch]:
+        best = shortest = least_cost_route(cost, cost_map.resolution, start, goal)
+        seen = self._exposure(percept)
+        patch = _with_exposure(cost_map, self.covert.drawn * seen)
+        if not shortest.found or not seen.any():
+            return shortest, cost, patch
+        length = _length(shortest, cost_map.resolution, goal)
+        if self._begun_m is None:
+            self._begun_m = length
+        allowed = max(self.covert.longest * self._begun_m - self._driven, self.covert.detour * length)
+        # Were only the exposure to grow dear, the way would hug obstacles that the dynamic window keeps off.
+        bad = seen + np.minimum(cost_map.total, 100.0) / 100.0
+        best, best_cost, least = shortest, cost, _seen_along(shortest, seen)
+        for weight in self.covert.weights:
+            dearer = cost + weight * bad
+            route = least_cost_route(dearer, cost_map.resolution, start, goal)
+            if not route.found or _length(route, cost_map.resolution, goal) > allowed:
+                break
+            exposed = _seen_along(route, seen)
+            if exposed < least:
+                best, best_cost, least = route, dearer, exposed
+        return best, best_cost, patch
+
+    def _exposure(self, percept: Percept) -> np.ndarray:
+        """(rows, cols) float32 visible fraction over the percept's grid."""
+        if percept.perception is Perception.ORACLE and self._scenario is not None and self._rays is not None:
+            return self._true_exposure(percept, self._scenario, self._rays)
+        return sensed_exposure(percept)
+
+    def _true_exposure(self, percept: Percept, scenario: Scenario, rays: RayScene) -> np.ndarray:
+        heightmap, grid = scenario.terrain.heightmap(), percept.grid
+        if self._true is None or self._true[0] != percept.observers:
+            self._true = percept.observers, hull_exposure(rays, heightmap, percept.observers).anywhere
+        fraction = self._true[1]
+        x, y = (start + grid.resolution * np.arange(size) for start, size in (
+            (grid.x_min, grid.shape[1]), (grid.y_min, grid.shape[0]))
+        )  # fmt: skip
+        row, col = heightmap.cells(*np.meshgrid(x, y))
+        return fraction[row, col]
+
+
+def _with_exposure(cost_map: CostMap, points: np.ndarray) -> CostPatch:
+    patch = cost_map.patch()
+    return CostPatch(patch.x_min, patch.y_min, patch.resolution, np.minimum(patch.cost + points, 100.0))
+
+
+def _length(route: Route, resolution: float, goal: tuple[float, float]) -> float:
+    """Metres along the route, and straight on to a goal that lies off the map."""
+    steps = np.hypot(*np.diff(route.cells, axis=0).T).sum() if len(route.cells) > 1 else 0.0
+    return resolution * float(steps + math.dist(route.cells[-1], goal))
+
+
+def _seen_along(route: Route, seen: np.ndarray) -> float:
+    """Cells of the route times the visible fraction on them."""
+    cells = route.cells
+    if len(cells) < 2:
+        return 0.0
+    along = seen[cells[:, 0], cells[:, 1]]
+    return float(np.sum(np.hypot(*np.diff(cells, axis=0).T) * 0.5 * (along[1:] + along[:-1])))

@@ -1,0 +1,131 @@
+"""What the observers that the robot knows see of it, as far as its own map tells.
+
+The map's ground and what stands or hangs over it (`GridMap.span`) take the place of the
+true scene. What the map does not know hides nothing. What a thing lets through is told by the class of the
+cover object that the camera has found there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, label
+
+from planner.frames import GridMap, Percept
+from planner.hull_exposure import over_hull
+from planner.line_of_sight import View
+from planner.sensed_exposure_kernel import light_from
+from scenes.catalogue import CATALOGUE
+from scenes.robot import HUSKY
+from scenes.scenario import Observer
+
+STRIDE = 2
+"""Cells of the map to a cell of the exposure, each way."""
+
+BEAT_TIMES = (0.0, 4.0, 8.0, 12.0, 16.0, 20.0)
+"""Seconds from now at which a patrol is looked for; the exposure is the mean over them."""
+
+BESIDE = 0.3  # metres outside a cover object's outline where returns are still its own
+
+
+def sensed_exposure(percept: Percept) -> np.ndarray:
+    """(rows, cols) float32 over `percept.grid`: the visible fraction, from 0 to 1, of a robot that stands in
+    each cell, the mean over its headings, united over the known observers.
+    """
+    grid = percept.grid
+    if not percept.observers:
+        return np.zeros(grid.shape, np.float32)
+    ground = _filled(grid.elevation)
+    low, high, opacity = occluders(percept)
+    stops = np.where(np.isnan(grid.elevation), -np.inf, ground)
+    rows, cols = (np.arange((size % STRIDE) // 2, size, STRIDE) for size in grid.shape)
+    row, col = (part.ravel() for part in np.meshgrid(rows, cols, indexing="ij"))
+    heights = np.unique(HUSKY.hull_points()[:, 2])
+    walks = any(observer.patrol is not None for observer in percept.observers)
+    times = BEAT_TIMES if walks else BEAT_TIMES[:1]
+    light = np.zeros((len(row), len(heights)), np.float32)
+    middle = np.column_stack(
+        [
+            grid.x_min + col * grid.resolution,
+            grid.y_min + row * grid.resolution,
+            ground[row, col] + heights[-1],
+        ]
+    )
+    for ahead in times:
+        united = np.zeros_like(light)
+        for view in views_on_map(percept, ground, ahead):
+            held = np.flatnonzero(view.holds(middle))
+            eye = np.array([view.x - grid.x_min, view.y - grid.y_min, view.z])
+            eye[:2] /= grid.resolution
+            seen = light_from(
+                ground, stops, low, high, opacity, heights, row[held], col[held], eye, grid.resolution,
+                HUSKY.inscribed_radius,
+            )  # fmt: skip
+            united[held] = np.maximum(united[held], seen)
+        light += united / len(times)
+    levels = light.T.reshape(len(heights), len(rows), len(cols))
+    coarse = over_hull(levels, STRIDE * grid.resolution).mean(axis=0)
+    return np.repeat(np.repeat(coarse, STRIDE, axis=0), STRIDE, axis=1)[: grid.shape[0], : grid.shape[1]]
+
+
+def occluders(percept: Percept) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(rows, cols) each: heights between which something hides, and the share of light that it stops."""
+    grid = percept.grid
+    low, high = grid.span.astype(float)
+    there = high > low
+    low[there & grid.obstacle] = -np.inf
+    opacity = np.ones(grid.shape)
+    blobs = np.zeros(grid.shape, np.int32)
+    label(there, structure=np.ones((3, 3)), output=blobs)
+    for thing in percept.cover:
+        radius = 0.5 * thing.width + BESIDE
+        row, col = _span(thing.y - grid.y_min, radius, grid, 0), _span(thing.x - grid.x_min, radius, grid, 1)
+        near = (thing.y - grid.y_min - row[:, None] * grid.resolution) ** 2
+        near = near + (thing.x - grid.x_min - col * grid.resolution) ** 2 <= radius**2
+        block = np.ix_(row, col)
+        its = near & there[block]
+        # The beams end below the top of what is near and high; the camera has seen how high it is.
+        high[block] = np.where(its, np.maximum(high[block], thing.z + thing.height), high[block])
+        counts = np.bincount(blobs[block][its], minlength=1)
+        if counts.any():
+            whole = blobs == int(np.argmax(counts))
+            opacity[whole] = np.minimum(opacity[whole], CATALOGUE[thing.kind].opacity)
+    return low, high, opacity
+
+
+def _span(offset: float, radius: float, grid: GridMap, axis: int) -> np.ndarray:
+    """Indices of the cells along an axis that are at most `radius` from `offset` metres, on the map."""
+    first = max(math.ceil((offset - radius) / grid.resolution), 0)
+    last = min(math.floor((offset + radius) / grid.resolution), grid.shape[axis] - 1)
+    return np.arange(first, last + 1)
+
+
+def views_on_map(percept: Percept, ground: np.ndarray, ahead: float) -> list[View]:
+    """The known observers' views `ahead` seconds from now; those that walk stand on the map's ground."""
+    return [
+        _view(observer, eye, percept, ground, ahead)
+        for observer, eye in zip(percept.observers, percept.observer_eyes, strict=True)
+    ]
+
+
+def _view(
+    observer: Observer, eye: tuple[float, float, float], percept: Percept, ground: np.ndarray, ahead: float
+) -> View:
+    x, y, yaw = observer.pose_at(percept.time_s + ahead)
+    z, grid = eye[2], percept.grid
+    if ahead > 0.0 and observer.patrol is not None and grid.contains(x, y):
+        z = float(ground[grid.cell(x, y)]) + observer.eye_height
+    return View(
+        observer.id, float(x), float(y), z, float(yaw),
+        math.radians(observer.fov_horizontal), math.radians(observer.fov_vertical), observer.range,
+    )  # fmt: skip
+
+
+def _filled(elevation: np.ndarray) -> np.ndarray:
+    """The heights, unknown ones as the nearest known."""
+    unknown = np.isnan(elevation)
+    if unknown.all():
+        return np.zeros(elevation.shape)
+    nearest = np.asarray(distance_transform_edt(unknown, return_distances=False, return_indices=True))
+    return elevation[nearest[0], nearest[1]].astype(float)

@@ -1,0 +1,69 @@
+"""The loop of `planner.sensed_exposure`: how much light of each cell of a map comes to an observer's eye."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+FIGURE = 0.6
+"""Metres about an eye within which nothing hides: the observer itself is on the map there."""
+
+DARK = 0.02
+"""Share of light that counts as none."""
+
+
+@njit(cache=True, nogil=True)
+def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, resolution, own):
+    """(k, h) float32 share of light that reaches `eye` from `heights` (h,) over the ground of cells.
+
+    ground : (r, c) heights without gaps; stops : (r, c) heights below which nothing is seen
+    low, high : (r, c) heights between which something stops a share `opacity` (r, c) of the light, high <=
+        low where nothing does
+    rows, cols : (k,) the cells asked for; eye : (3,) column, row (not rounded, may lie off the map), height
+    own : metres from the cell within which things do not hide, for the robot would stand there
+
+    The line is looked at in every cell of its longer axis. The ground stops all light; a thing stops its
+    share where the line enters it, so that one that covers many cells counts once.
+    """
+    count, levels = len(rows), len(heights)
+    light = np.ones((count, levels), np.float32)
+    map_rows, map_cols = ground.shape
+    inside = np.zeros(levels, np.bool_)
+    for i in range(count):
+        row, col = rows[i], cols[i]
+        step_col, step_row = eye[0] - col, eye[1] - row
+        steps = max(abs(step_col), abs(step_row))
+        if steps < 1.0:
+            continue
+        distance = math.hypot(step_col, step_row) * resolution
+        first = max(1, int(own / distance * steps) + 1)
+        last = int(steps * (1.0 - FIGURE / distance)) if distance > FIGURE else 0
+        base = ground[row, col]
+        inside[:] = False
+        left = levels
+        for k in range(1, last + 1):
+            share = k / steps
+            r, c = round(row + share * step_row), round(col + share * step_col)
+            if r < 0 or c < 0 or r >= map_rows or c >= map_cols:
+                break
+            floor, bottom, top = stops[r, c], low[r, c], high[r, c]
+            for j in range(levels):
+                if light[i, j] <= DARK:
+                    continue
+                z = base + heights[j] + share * (eye[2] - base - heights[j])
+                if z < floor:
+                    light[i, j] = 0.0
+                elif k >= first and bottom <= z < top:
+                    if not inside[j]:
+                        light[i, j] *= 1.0 - opacity[r, c]
+                    inside[j] = True
+                else:
+                    inside[j] = False
+                if light[i, j] <= DARK:
+                    light[i, j] = 0.0
+                    left -= 1
+            if left == 0:
+                break
+    return light

@@ -1,0 +1,73 @@
+"""CoverNav's planner over the robot's own map."""
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+from maps import grid_map
+from test_sensed_exposure import EAST, HERE, known, standing
+
+from planner.methods import make_method
+from planner.methods.covernav import CoverNav, CoverNavConfig
+
+
+def route_of(seen) -> np.ndarray:
+    decision = make_method("covernav").decide(seen)
+    assert decision.route is not None
+    return decision.route
+
+
+def length(points: np.ndarray) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+# A wall south of the straight way west, in view of an observer in the south.
+WATCHER = EAST.model_copy(update={"x": 0.0, "y": -7.5})
+SCREEN = standing(grid_map(), lambda x, y: (abs(y + 1.5) < 0.15) & (x < -0.5) & (x > -7.0))
+
+
+def test_without_observers_it_drives_the_shortest_way() -> None:
+    seen = replace(known(SCREEN), goal=(-6.0, 1.5))
+    assert length(route_of(seen)) < 1.1 * math.dist((0.0, 0.0), (-6.0, 1.5))
+
+
+def test_it_goes_behind_what_hides_it() -> None:
+    screen = standing(grid_map(), lambda x, y: (abs(y - 1.0) < 0.15) & (x < -1.0) & (x > -6.0))
+    straight = route_of(replace(known(screen), goal=(-7.0, 0.0)))
+    hidden = route_of(replace(known(screen, WATCHER), goal=(-7.0, 0.0)))
+    assert straight[:, 1].max() < 0.5 and hidden[:, 1].max() > 1.5
+    assert length(hidden) <= CoverNavConfig().longest * length(straight)
+
+
+def test_no_detour_is_longer_than_allowed() -> None:
+    config = CoverNavConfig(longest=1.0, detour=1.0)
+    seen = replace(known(SCREEN, WATCHER), goal=(-6.0, 4.5))
+    strict, free = CoverNav(config).decide(seen).route, CoverNav().decide(seen).route
+    assert strict is not None and free is not None
+    assert length(strict) <= length(free)
+
+
+def test_it_hugs_nothing_for_the_sake_of_being_hidden() -> None:
+    seen = replace(known(SCREEN, WATCHER), goal=(-6.0, 0.0))
+    route = route_of(seen)
+    screen = np.array([(x, -1.5) for x in np.arange(-7.0, -0.4, 0.2)])
+    gap = np.min(np.hypot(*(route[:, None] - screen[None]).transpose(2, 0, 1)))
+    assert gap > 0.6
+
+
+def test_a_mission_can_be_gone_on_with_from_a_pickle() -> None:
+    method = CoverNav()
+    seen = replace(known(SCREEN, WATCHER), goal=(-6.0, 4.5))
+    method.decide(seen)
+    again = pickle.loads(pickle.dumps(method))
+    later = replace(seen, time_s=1.0)
+    one, other = method.decide(later), again.decide(later)
+    assert one.command == other.command
+    np.testing.assert_array_equal(one.route, other.route)
+
+
+def test_it_stands_still_where_there_is_no_way() -> None:
+    walled = standing(grid_map(), lambda x, y: (np.hypot(x, y) > 1.6) & (np.hypot(x, y) < 2.0))
+    decision = CoverNav().decide(replace(known(walled, WATCHER), goal=(-6.0, 4.5), pose=HERE))
+    assert decision.route is None and decision.note.startswith("no route")

@@ -1,0 +1,153 @@
+"""What the robot's own map says of who sees it."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from maps import grid_map, percept
+
+from planner.frames import CoverEstimate
+from planner.sensed_exposure import STRIDE, sensed_exposure
+from planner.sensed_exposure_kernel import DARK, FIGURE, light_from
+from scenes.catalogue import CATALOGUE, CoverKind
+from scenes.pose import Pose
+from scenes.scenario import Observer, Patrol, Point
+
+HERE = Pose(0.0, 0.0, 0.2)
+EAST = Observer(
+    id=1, x=7.0, y=0.0, yaw=180.0, eye_height=1.7, fov_horizontal=360.0, fov_vertical=180.0, range=50.0
+)
+
+
+def known(grid, *observers: Observer, cover=()):
+    eyes = tuple((o.x, o.y, o.eye_height) for o in observers)
+    seen = percept(grid, HERE)
+    return replace(
+        seen, observers=observers, observer_eyes=eyes, cover=tuple(cover),
+        known_observers=tuple(o.id for o in observers),
+    )  # fmt: skip
+
+
+def standing(grid, where, low=-np.inf, high=3.0, blocks=True):
+    """The map with a thing between two heights in the cells where `where`(x, y)."""
+    y, x = np.indices(grid.shape) * grid.resolution + np.array([grid.y_min, grid.x_min])[:, None, None]
+    there = where(x, y)
+    span = np.stack([np.where(there, low, np.inf), np.where(there, high, -np.inf)]).astype(np.float32)
+    return replace(grid, obstacle=there & blocks, span=span)
+
+
+def at(exposure, grid, x, y) -> float:
+    return float(exposure[grid.cell(x, y)])
+
+
+def test_open_ground_is_in_full_view_and_without_observers_none_is() -> None:
+    grid = grid_map()
+    assert sensed_exposure(known(grid, EAST)).min() == pytest.approx(1.0)
+    assert not sensed_exposure(known(grid)).any()
+
+
+def test_behind_a_wall_it_is_hidden_and_beside_its_shadow_seen() -> None:
+    grid = standing(grid_map(), lambda x, y: (abs(x - 3.0) < 0.15) & (abs(y) < 1.5))
+    exposure = sensed_exposure(known(grid, EAST))
+    assert at(exposure, grid, 0.0, 0.0) == 0.0
+    assert at(exposure, grid, 0.0, 6.0) == 1.0
+    assert at(exposure, grid, 5.0, 0.0) == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_hangs_high_hides_nothing_from_an_eye_below_it() -> None:
+    crown = standing(grid_map(), lambda x, y: (abs(x - 3.0) < 1.0) & (abs(y) < 3.0), low=2.0, blocks=False)
+    assert at(sensed_exposure(known(crown, EAST)), crown, 0.0, 0.0) == 1.0
+
+
+def test_a_hill_hides_and_unknown_ground_does_not() -> None:
+    hill = grid_map(height=lambda x, y: 2.5 * np.exp(-((x - 3.0) ** 2)))
+    gone = grid_map(
+        height=lambda x, y: 2.5 * np.exp(-((x - 3.0) ** 2)), unknown=lambda x, y: abs(x - 3.0) < 2.5
+    )
+    assert at(sensed_exposure(known(hill, EAST)), hill, -1.0, 0.0) == 0.0
+    assert at(sensed_exposure(known(gone, EAST)), gone, -1.0, 0.0) == 1.0
+
+
+def test_a_bush_that_the_camera_knows_lets_its_share_of_light_through() -> None:
+    grid = standing(grid_map(), lambda x, y: np.hypot(x - 3.0, y) < 1.4)
+    bush = CoverEstimate(1, CoverKind.BUSH, 3.0, 0.0, 0.0, 2.8, 3.0, 0.9)
+    through = at(sensed_exposure(known(grid, EAST, cover=[bush])), grid, 0.0, 0.0)
+    assert through == pytest.approx(1.0 - CATALOGUE[CoverKind.BUSH].opacity, abs=1e-6)
+
+
+def test_out_of_range_and_out_of_the_field_of_view_nothing_is_seen() -> None:
+    grid = grid_map()
+    near = sensed_exposure(known(grid, EAST.model_copy(update={"range": 5.0})))
+    assert at(near, grid, 4.0, 0.0) == 1.0 and at(near, grid, -2.0, 0.0) == 0.0
+    away = sensed_exposure(known(grid, EAST.model_copy(update={"yaw": 0.0, "fov_horizontal": 90.0})))
+    assert at(away, grid, 0.0, 0.0) == 0.0
+
+
+def test_the_best_placed_observer_counts() -> None:
+    grid = standing(grid_map(), lambda x, y: (abs(x - 3.0) < 0.15) & (abs(y) < 1.5))
+    west = EAST.model_copy(update={"id": 2, "x": -7.0, "yaw": 0.0})
+    both, one = (sensed_exposure(known(grid, *group)) for group in ((EAST, west), (EAST,)))
+    assert (both >= one - 1e-6).all() and at(both, grid, 0.0, 0.0) == 1.0
+
+
+def test_a_patrol_counts_with_the_mean_over_its_beat() -> None:
+    grid = standing(grid_map(), lambda x, y: (abs(x - 3.0) < 0.15) & (abs(y) < 1.5))
+    beat = Patrol(waypoints=(Point(x=7.0, y=7.5), Point(x=7.0, y=-7.5)), speed=1.5)
+    walker = EAST.model_copy(update={"patrol": beat, "fov_horizontal": 360.0})
+    some = at(sensed_exposure(known(grid, walker)), grid, 1.0, 0.0)
+    assert 0.0 < some < 1.0
+
+
+def test_the_grid_is_covered_to_its_last_cell() -> None:
+    grid = grid_map()
+    assert sensed_exposure(known(grid, EAST)).shape == grid.shape
+    assert grid.shape[0] % STRIDE == 1
+
+
+def plain_light(ground, stops, low, high, opacity, heights, rows, cols, eye, resolution, own):
+    light = np.ones((len(rows), len(heights)))
+    for i, (row, col) in enumerate(zip(rows, cols, strict=True)):
+        away = np.array([eye[1] - row, eye[0] - col])
+        steps, distance = np.abs(away).max(), np.hypot(*away) * resolution
+        if steps < 1.0:
+            continue
+        for j, height in enumerate(heights):
+            inside, start = False, ground[row, col] + height
+            for k in range(1, (int(steps * (1.0 - FIGURE / distance)) if distance > FIGURE else 0) + 1):
+                r, c = (round(v) for v in (row, col) + k / steps * away)
+                if not (0 <= r < ground.shape[0] and 0 <= c < ground.shape[1]) or light[i, j] == 0.0:
+                    break
+                z = start + k / steps * (eye[2] - start)
+                enters = k > own / distance * steps and low[r, c] <= z < high[r, c]
+                if z < stops[r, c]:
+                    light[i, j] = 0.0
+                elif enters and not inside:
+                    light[i, j] *= 1.0 - opacity[r, c]
+                inside = enters
+                light[i, j] = light[i, j] if light[i, j] > DARK else 0.0
+    return light
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_light_follows_its_plain_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape = (14, 17)
+    ground = rng.uniform(0.0, 0.4, shape)
+    stops = np.where(rng.random(shape) < 0.3, -np.inf, ground)
+    low = np.where(rng.random(shape) < 0.2, rng.choice([-np.inf, 0.8], shape), np.inf)
+    high = np.where(np.isfinite(low) | (low < 0), rng.uniform(0.5, 2.5, shape), -np.inf)
+    rows, cols = rng.integers(0, 14, 12), rng.integers(0, 17, 12)
+    arguments = (
+        ground, stops, low, high, rng.choice([1.0, 0.8, 0.35], shape), np.array([0.1, 0.25, 0.39]), rows,
+        cols, np.array([rng.uniform(-5, 22), rng.uniform(-5, 19), rng.uniform(0.8, 3.0)]), 0.2, 0.3,
+    )  # fmt: skip
+    np.testing.assert_allclose(light_from(*arguments), plain_light(*arguments), atol=1e-6)
+
+
+def test_a_robot_on_the_observers_own_cell_is_seen() -> None:
+    grid = grid_map()
+    assert at(sensed_exposure(known(grid, EAST)), grid, EAST.x, EAST.y) == 1.0
+    assert math.isfinite(sensed_exposure(known(grid, EAST)).sum())
