@@ -15,6 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from app import train_command
+
 # one thread a process for the numeric libraries, which read this once: the processes share the cores
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
@@ -28,13 +30,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     arguments = _parser().parse_args(argv)
     from app.store import StoreError, UnknownEntry
+    from planner.training_refusal import TrainingError, TrainingRefusal
     from scenes.scenario import ScenarioError
 
     try:
         arguments.command(arguments)
-    except (Refusal, ScenarioError, StoreError, UnknownEntry) as error:
+    except (Refusal, ScenarioError, StoreError, TrainingRefusal, UnknownEntry) as error:
         print(f"covernav: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
+    except TrainingError as error:
+        print(f"covernav: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("covernav: interrupted", file=sys.stderr)
         return 130
@@ -115,6 +121,8 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--out", type=Path, metavar="DIR", help="keep finished missions; go on from them")
     evaluate.add_argument("--json", metavar="FILE|-")
     evaluate.set_defaults(command=_evaluate)
+
+    train_command.add_parser(commands, _whole, _SEED)
 
     _scenario_parsers(commands)
 

@@ -112,16 +112,16 @@ class Encoder(nn.Module):
 
 
 def _joined(width: int, outputs: int) -> nn.Sequential:
-    head = nn.Sequential(
+    last = nn.Linear(30, outputs)
+    # Lillicrap et al. 2016: begin with small actions and values.
+    nn.init.uniform_(last.weight, -3e-3, 3e-3)
+    nn.init.uniform_(last.bias, -3e-3, 3e-3)
+    return nn.Sequential(
         nn.Linear(width, 256), nn.LayerNorm(256), nn.ReLU(),
         nn.Linear(256, 64), nn.LayerNorm(64), nn.ReLU(),
         nn.Linear(64, 30), nn.ReLU(),
-        nn.Linear(30, outputs),
+        last,
     )  # fmt: skip
-    # Lillicrap et al. 2016: begin with small actions and values.
-    nn.init.uniform_(head[-1].weight, -3e-3, 3e-3)
-    nn.init.uniform_(head[-1].bias, -3e-3, 3e-3)
-    return head
 
 
 class Actor(nn.Module):

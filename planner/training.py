@@ -32,7 +32,8 @@ from planner.training_collector import (
     EpisodeOrder,
     StepFrame,
 )
-from planner.training_store import Progress, TrainingError, TrainingRefusal, TrainingStore
+from planner.training_refusal import TrainingError, TrainingRefusal
+from planner.training_store import Progress, TrainingStore
 from scenes.scenario import Family
 
 ALL_TERRAINS = tuple(family.value for family in Family)
@@ -170,7 +171,7 @@ class Trainer:
         curriculum: Curriculum | None = None,
         demonstrations: tuple[Episode, ...] = (),
     ):
-        self.control = control or Control()
+        self.control, self.folder = control or Control(), folder
         self._store = TrainingStore(folder, new=settings is not None)
         self._parallel, self._frames_every, self._curriculum = parallel, frames_every, curriculum
         try:
@@ -190,6 +191,16 @@ class Trainer:
         except BaseException:
             self._store.close()
             raise
+
+    def extend(self, episodes: int) -> None:
+        """Train for so many episodes in all. Raises TrainingRefusal for fewer than it was begun with."""
+        if episodes < self.settings.episodes:
+            self._store.close()
+            raise TrainingRefusal(
+                f"the training was begun for {self.settings.episodes} episodes, not {episodes}"
+            )
+        self.settings = replace(self.settings, episodes=episodes)
+        self._store.begin(self.settings.document())
 
     def _shown(self, demonstrations: tuple[Episode, ...]) -> Replay | None:
         if not demonstrations:

@@ -25,17 +25,10 @@ from typing import Any
 from planner.checkpoint import PolicyError, read_tensors, save_policy, write_file, write_tensors
 from planner.ddpg import Ddpg
 from planner.replay import Episode, Replay
+from planner.training_refusal import TrainingError, TrainingRefusal
 
 KEPT_EVERY = 10
 """Episodes between the policies that stay."""
-
-
-class TrainingError(RuntimeError):
-    """A training that cannot begin or go on; what was finished is kept, and the message says so."""
-
-
-class TrainingRefusal(ValueError):
-    """A training that was asked for wrongly: where, and what would be right."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from planner.checkpoint import load_policy, read_tensors
 from planner.ddpg import DdpgConfig
 from planner.training import Control, EpisodeDone, Stopped, Trainer, TrainingSettings
 from planner.training_collector import StepFrame
-from planner.training_store import TrainingError, TrainingRefusal
+from planner.training_refusal import TrainingError, TrainingRefusal
 
 TOY = "toy_drive:ToyDrive-v0"
 
@@ -186,7 +186,7 @@ def test_a_damaged_checkpoint_is_refused(tmp_path):
         control.stop()
     path = next((tmp_path / "t").glob("learner-*"))
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(TrainingRefusal, match="cannot go on: .* truncated"):
+    with pytest.raises(TrainingRefusal, match=r"cannot go on: .* truncated"):
         Trainer(tmp_path / "t")
 
 
@@ -224,5 +224,5 @@ def test_a_full_disk_is_said_and_the_last_checkpoint_stays(tmp_path, monkeypatch
 
 
 def test_an_environment_that_refuses_is_quoted(tmp_path):
-    with pytest.raises(TrainingError, match="ToyDrive-v0 cannot be made: .*unknown_option"):
+    with pytest.raises(TrainingError, match=r"ToyDrive-v0 cannot be made: .*unknown_option"):
         train(tmp_path / "t", settings(options={"unknown_option": 1}), parallel=True)

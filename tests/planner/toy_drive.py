@@ -1,4 +1,4 @@
-"""A drive over flat ground with the observations of CoverNav-v0 and next to no cost, for tests of the trainer.
+"""A drive over flat ground with the observations of CoverNav-v0 that costs next to nothing, to test trainers.
 
 `toy_drive:ToyDrive-v0` for `gymnasium.make`.
 """

@@ -1,0 +1,87 @@
+"""`covernav train`: a training from the command line, its progress on a terminal."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+TERRAINS = ("all", "normal", "low", "low_high", "forest")
+
+
+def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> None:
+    """Describe the command and its arguments; `whole` and `seed` parse numbers."""
+    train = commands.add_parser("train", help="train the paper's learner", allow_abbrev=False)
+    train.add_argument("--episodes", type=whole(1, 1_000_000), help="100 where it is left out")
+    train.add_argument(
+        "--steps", type=whole(1, 10_000), help="of an episode at most; 100 where it is left out"
+    )
+    train.add_argument("--seed", type=seed)
+    train.add_argument("--reward", choices=["paper", "corrected"], help="corrected where it is left out")
+    train.add_argument("--terrain", choices=TERRAINS, help="all, in turn, where it is left out")
+    train.add_argument("--dynamics", choices=["kinematic", "physics"], help="kinematic where it is left out")
+    train.add_argument("--critic-rate", choices=["1e-4", "1e-3"], help="the paper's or TERP's learning rate")
+    where = train.add_mutually_exclusive_group()
+    where.add_argument(
+        "--out", type=Path, metavar="DIR", help="empty or new; named after reward and seed else"
+    )
+    where.add_argument("--resume", type=Path, metavar="DIR", help="go on with the training in it")
+    train.set_defaults(command=train_policy)
+
+
+def train_policy(arguments: argparse.Namespace) -> None:
+    """Train to the end, or until interrupted. Raises TrainingRefusal for what cannot be asked, TrainingError
+    where it cannot go on."""
+    from tqdm import tqdm
+
+    from planner.training import EpisodeDone, Stopped, Trainer
+
+    trainer = _trainer(arguments, Trainer)
+    folder, total = trainer.folder, trainer.settings.episodes
+    bar = tqdm(total=total, initial=trainer.progress.episodes, disable=None, unit="episode", file=sys.stderr)
+    recent: list[EpisodeDone] = []
+    with bar:
+        for event in trainer.run():
+            if isinstance(event, EpisodeDone):
+                recent = [*recent[-19:], event]
+                bar.set_postfix_str(_words(recent))
+                bar.update()
+            elif isinstance(event, Stopped):
+                done = f"{event.episodes} of {total} episodes"
+    print(f"{done} in {folder}; the policy is {folder / 'policy.safetensors'}")
+
+
+def _trainer(arguments: argparse.Namespace, make: Any) -> Any:
+    from planner.training import TrainingRefusal, TrainingSettings
+
+    if arguments.resume is not None:
+        for name in ("steps", "seed", "reward", "terrain", "dynamics", "critic_rate"):
+            if getattr(arguments, name) is not None:
+                option = "--" + name.replace("_", "-")
+                raise TrainingRefusal(f"{option} is settled by the training that goes on; leave it out")
+        trainer = make(arguments.resume)
+        if arguments.episodes is not None:
+            trainer.extend(arguments.episodes)
+        return trainer
+    settings = TrainingSettings(
+        episodes=arguments.episodes or 100,
+        steps=arguments.steps or 100,
+        seed=arguments.seed or 0,
+        options={"reward": arguments.reward or "corrected", "dynamics": arguments.dynamics or "kinematic"},
+    )
+    if (arguments.terrain or "all") != "all":
+        settings = replace(settings, resets=({"terrain": arguments.terrain},))
+    if arguments.critic_rate is not None:
+        settings = replace(settings, ddpg=replace(settings.ddpg, critic_rate=float(arguments.critic_rate)))
+    name = f"training-{settings.options['reward']}-{settings.seed}"
+    return make(arguments.out or Path(name), settings)
+
+
+def _words(recent: list[Any]) -> str:
+    count = len(recent)
+    success = sum(event.success for event in recent) / count
+    mean = sum(event.total for event in recent) / count
+    return f"return {mean:.1f}, success {success:.0%} over {count}, {recent[-1].steps_per_s:.0f} steps/s"
