@@ -46,7 +46,8 @@ class EpisodeOrder:
 class StepFrame:
     """What a policy in training did and saw at a step, for those who watch.
 
-    pose : the true one, after it; layers : (channels, 40, 40) what it read
+    pose : the true one, after it
+    layers : (n, 40, 40) all that the environment showed; the network reads the first `channels` of them
     attention, cost : (40, 40) summed over the channels after the attention; the cost map read off it
     scenario : the ground it drives on, with the first frame of an episode only
     """
@@ -143,6 +144,7 @@ class _Drive:
         self._actor = Actor(architecture).eval()
         self._actor.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in order.weights.items()})
         self._rng = np.random.default_rng([order.seed, 1])
+        self._shown = np.zeros(0, np.float32)
         self._layers: list[np.ndarray] = []
         self._states: list[np.ndarray] = []
         self._actions: list[np.ndarray] = []
@@ -151,6 +153,7 @@ class _Drive:
         self._terms: dict[str, float] = {}
 
     def saw(self, observation: Mapping[str, np.ndarray]) -> None:
+        self._shown = observation["layers"]
         self._layers.append(observation["layers"][: self._architecture.channels].astype(np.float16))
         self._states.append(np.asarray(observation["state"][: self._architecture.state], np.float32))
 
@@ -178,7 +181,7 @@ class _Drive:
         attended = self._actor.encoder.attend(torch.from_numpy(layers[None]))[0].numpy()
         forward, turn = self._actions[-1].tolist()
         return StepFrame(
-            self._order.number, step, pose, (forward, turn), self._rewards[-1], layers,
+            self._order.number, step, pose, (forward, turn), self._rewards[-1], self._shown,
             attention_map(attended), cost_map(attended, layers[0]), scenario,
         )  # fmt: skip
 
