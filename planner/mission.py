@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,13 @@ import numpy as np
 from planner.frames import Decision, Frame, Metrics, Percept, Perception, Status, WalkerPose
 from planner.leg import Leg, in_cover, usual_time_limit
 from planner.line_of_sight import views_at, visible_fraction
-from planner.methods import DEFAULT_METHOD, Briefed, make_method
+from planner.methods import DEFAULT_METHOD, Briefed, Learned, make_method
 from planner.perception import Perceiver
-from scenes.physics import RobotLostError, World
+from scenes.physics import World
 from scenes.pose import Pose, Twist
 from scenes.rays import RayScene
 from scenes.scenario import Point, Scenario, Start, Terrain, Walker, why_not_standing
+from scenes.world import DrivenWorld, RobotLostError
 
 TICK_S = 0.1
 REACHED_DISTANCE, REACHED_SPEED = 0.3, 0.12
@@ -49,6 +50,7 @@ class Mission:
     time_limit_s : for each leg; by default 30 s and 6 s a metre of the straight line
     decision_period_s : how often the method decides, at least a tick of 0.1 s; its command holds in between
     snapshot : of a mission of the same terrain, to go on from; scenario, method and perception given here win
+    world : makes what is driven in; `scenes.kinematics.KinematicWorld` for drives by the dozen
 
     Raises ValueError for an unknown method or a decision period below a tick.
     """
@@ -63,6 +65,7 @@ class Mission:
         snapshot: MissionSnapshot | None = None,
         *,
         decision_period_s: float = TICK_S,
+        world: Callable[..., DrivenWorld] = World,
     ):
         if not (math.isfinite(decision_period_s) and decision_period_s >= TICK_S):
             raise ValueError(f"the decision period must be at least {TICK_S} s, got {decision_period_s}")
@@ -79,7 +82,7 @@ class Mission:
             pose = snapshot.pose
             start = Start(x=pose.x, y=pose.y, yaw=math.degrees(pose.yaw))
             begun_s = snapshot.time_s
-        self._world = World(self._heightmap, scenario.cover, scenario.obstacles, start, time_s=begun_s)
+        self._world = world(self._heightmap, scenario.cover, scenario.obstacles, start, time_s=begun_s)
         self._placed: tuple | None = None
         self._tick = 0
         self._decision: Decision | None = None
@@ -235,9 +238,11 @@ class Mission:
 
     def summary(self) -> dict:
         """The present leg as `covernav run --json` has it."""
+        weights = self._method.policy if isinstance(self._method, Learned) else None
+        policy = None if weights is None else {"name": weights.name, "sha256": weights.sha256}
         return self._leg.summary(
             self.scenario.name, self.method_name, self.perception, self.seed, self.status, self._world.time_s
-        )
+        ) | {"policy": policy}
 
     # --- changes while driving -------------------------------------------------------------------
 

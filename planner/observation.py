@@ -7,7 +7,6 @@ axis 1 along +x (forward), the robot in the middle.
 from __future__ import annotations
 
 import math
-from typing import TypedDict
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -40,11 +39,8 @@ _ALONG = (np.arange(PATCH_CELLS) - 0.5 * (PATCH_CELLS - 1)) * PATCH_RESOLUTION
 _FORWARD, _LEFT = np.meshgrid(_ALONG, _ALONG)
 
 
-class Observation(TypedDict):
-    """layers : (6, 40, 40) float32; state : (27,) float32; see `observe`."""
-
-    layers: np.ndarray
-    state: np.ndarray
+Observation = dict[str, np.ndarray]
+"""layers, (6, 40, 40) float32, and state, (27,) float32; see `observe`."""
 
 
 def observe(

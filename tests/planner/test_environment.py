@@ -129,7 +129,7 @@ class TestEpisodes:
                 break
         assert terminated and not truncated
         assert info["status"] is Status.REACHED and info["success"]
-        assert info["terms"]["arrival"] == env.reward.arrival
+        assert info["terms"]["arrival"] == 10.0
         with pytest.raises(ResetNeeded):
             env.step(STRAIGHT)
 

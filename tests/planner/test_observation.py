@@ -45,9 +45,8 @@ def cell(forward: float, left: float) -> tuple[int, int]:
     return int((left + 10.0) // 0.5), int((forward + 10.0) // 0.5)
 
 
-def cover(x: float, y: float, width: float = 1.0, **fields) -> CoverEstimate:
-    usual = {"object_id": 1, "kind": CoverKind.ROCK, "z": 0.0, "height": 1.0, "confidence": 0.9}
-    return CoverEstimate(**(usual | {"x": x, "y": y, "width": width} | fields))
+def cover(x: float, y: float, width: float = 1.0, height: float = 1.0, kind=CoverKind.ROCK) -> CoverEstimate:
+    return CoverEstimate(1, kind, x, y, 0.0, width, height, 0.9)
 
 
 class TestLayers:
@@ -80,14 +79,10 @@ class TestLayers:
         assert nearness[cell(-4.1, -2.1)] == 0.0
 
     def test_nearness_falls_to_nothing_at_two_metres(self) -> None:
-        nearness = layer(
-            observe(percept(cover=(thing(1, "fence", x=5.1, y=0.1, length=0.5, yaw=90.0),))), "obstacle"
-        )
-        row = nearness[cell(5.1, 0.1)[0]]
-        assert list(row[cell(3.1, 0)[1] - 2 : cell(5.1, 0)[1]]) == sorted(
-            row[cell(3.1, 0)[1] - 2 : cell(5.1, 0)[1]]
-        )
-        assert row[cell(2.6, 0)[1]] == 0.0
+        fence = thing(1, "fence", x=5.1, y=0.1, length=0.5, yaw=90.0)
+        nearness = layer(observe(percept(goal=(0.0, 9.0), cover=(fence,))), "obstacle")
+        toward = nearness[cell(5.1, 0.1)[0], cell(2.6, 0.1)[1] : cell(5.1, 0.1)[1] + 1].tolist()
+        assert toward == sorted(toward) and toward[0] == 0.0 and toward[-1] == 1.0
 
     def test_who_walks_is_an_obstacle_too(self) -> None:
         walker = TrackedObstacle(1, ObstacleKind.PERSON, -3.1, 2.1, 0.0, 0.0, 0.25)

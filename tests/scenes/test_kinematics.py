@@ -160,9 +160,7 @@ class TestRunningIntoThings:
         assert gap == pytest.approx(0.0, abs=0.12 if kind == "rock" else 0.05)
 
     def test_it_drives_between_trunks_and_under_crowns(self) -> None:
-        trees = tuple(
-            CoverObject(id=i, kind="tree", x=3.0, y=y, length=4.0) for i, y in enumerate((-0.9, 0.9), 1)
-        )
+        trees = tuple(thing("tree", 3.0, y, length=4.0) for y in (-0.9, 0.9))
         world = drive(KinematicWorld(flat(), trees), 1.0, 0.0, 6.0)
         assert not world.touching() and world.pose.x > 5.0
 
