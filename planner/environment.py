@@ -56,7 +56,7 @@ MAPPING = {Dynamics.PHYSICS: MapConfig(), Dynamics.KINEMATIC: MapConfig(size=30.
 """The mission's map; and, where speed matters, as much of it as observations show, whichever way it heads."""
 
 
-class CoverNavEnv(gymnasium.Env[Observation, np.ndarray]):
+class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     """A Husky on its way to a goal, watched or not, deciding four times a second.
 
     | action | meaning | range |
