@@ -30,12 +30,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     arguments = _parser().parse_args(argv)
     from app.store import StoreError, UnknownEntry
-    from planner.training_refusal import TrainingError, TrainingRefusal
+    from planner.learning_errors import PolicyError, TrainingError, TrainingRefusal
     from scenes.scenario import ScenarioError
 
     try:
         arguments.command(arguments)
-    except (Refusal, ScenarioError, StoreError, TrainingRefusal, UnknownEntry) as error:
+    except (PolicyError, Refusal, ScenarioError, StoreError, TrainingRefusal, UnknownEntry) as error:
         print(f"covernav: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except TrainingError as error:

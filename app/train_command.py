@@ -24,6 +24,7 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
     train.add_argument("--terrain", choices=TERRAINS, help="all, in turn, where it is left out")
     train.add_argument("--dynamics", choices=["kinematic", "physics"], help="kinematic where it is left out")
     train.add_argument("--critic-rate", choices=["1e-4", "1e-3"], help="the paper's or TERP's learning rate")
+    train.add_argument("--curriculum", action="store_true", help="from 4 m on a meadow to a watched forest")
     where = train.add_mutually_exclusive_group()
     where.add_argument(
         "--out", type=Path, metavar="DIR", help="empty or new; named after reward and seed else"
@@ -62,6 +63,8 @@ def _trainer(arguments: argparse.Namespace, make: Any) -> Any:
             if getattr(arguments, name) is not None:
                 option = "--" + name.replace("_", "-")
                 raise TrainingRefusal(f"{option} is settled by the training that goes on; leave it out")
+        if arguments.curriculum:
+            raise TrainingRefusal("--curriculum is settled by the training that goes on; leave it out")
         trainer = make(arguments.resume)
         if arguments.episodes is not None:
             trainer.extend(arguments.episodes)
@@ -70,6 +73,7 @@ def _trainer(arguments: argparse.Namespace, make: Any) -> Any:
         episodes=arguments.episodes or 100,
         steps=arguments.steps or 100,
         seed=arguments.seed or 0,
+        curriculum=arguments.curriculum,
         options={"reward": arguments.reward or "corrected", "dynamics": arguments.dynamics or "kinematic"},
     )
     if (arguments.terrain or "all") != "all":

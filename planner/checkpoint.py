@@ -15,11 +15,8 @@ import torch
 from safetensors.numpy import load, save
 from torch import nn
 
+from planner.learning_errors import PolicyError
 from planner.networks import Actor, Architecture
-
-
-class PolicyError(ValueError):
-    """Weights that cannot be used; the message says which file and why."""
 
 
 @dataclass(frozen=True)

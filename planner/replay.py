@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from planner.checkpoint import PolicyError, read_tensors, write_tensors
+from planner.checkpoint import read_tensors, write_tensors
+from planner.learning_errors import PolicyError
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,15 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
 
 from planner.checkpoint import weights
+from planner.curriculum import Curriculum
 from planner.ddpg import Ddpg, DdpgConfig, LossError, Losses
+from planner.learning_errors import TrainingError, TrainingRefusal
 from planner.networks import PAPER, Architecture
 from planner.replay import Batch, Episode, Replay, mixed
 from planner.training_collector import (
@@ -32,9 +34,8 @@ from planner.training_collector import (
     EpisodeOrder,
     StepFrame,
 )
-from planner.training_refusal import TrainingError, TrainingRefusal
 from planner.training_store import Progress, TrainingStore
-from scenes.scenario import Family
+from scenes.scenario import Family, Scenario
 
 ALL_TERRAINS = tuple(family.value for family in Family)
 
@@ -50,6 +51,7 @@ class TrainingSettings:
     resets : options of the reset, taken in turn from episode to episode
     random_episodes : driven at random before the policy drives
     demonstration_share : of each batch, where demonstrations are given
+    curriculum : the tasks come from `planner.curriculum.Curriculum`, in place of `resets` and `steps`
     """
 
     episodes: int = 100
@@ -60,6 +62,7 @@ class TrainingSettings:
     resets: tuple[Mapping[str, Any], ...] = tuple({"terrain": terrain} for terrain in ALL_TERRAINS)
     random_episodes: int = 2
     demonstration_share: float = 0.5
+    curriculum: bool = False
     architecture: Architecture = PAPER
     ddpg: DdpgConfig = field(default_factory=DdpgConfig)
 
@@ -110,15 +113,6 @@ class Stopped:
 TrainingEvent = EpisodeDone | StepFrame | Stopped
 
 
-class Curriculum(Protocol):
-    """Sets the next episode's task by how those before went."""
-
-    def options(self) -> Mapping[str, Any]: ...
-    def record(self, success: bool) -> object: ...
-    def state(self) -> dict[str, Any]: ...
-    def restore(self, state: Mapping[str, Any]) -> None: ...
-
-
 class Control:
     """Pauses, resumes and stops a training from another thread, between two steps."""
 
@@ -155,6 +149,8 @@ class Trainer:
 
     parallel : drive the episodes in a process of their own; the result is the same
     frames_every : steps between `StepFrame`s, 0 for none
+    curriculum : to take the tasks from, where it is not the one of the settings
+    scenario : to train on; it is kept in the folder
     demonstrations : driven by somebody else, mixed into every batch
 
     Raises TrainingRefusal for a folder that does not fit.
@@ -169,24 +165,26 @@ class Trainer:
         parallel: bool = True,
         frames_every: int = 0,
         curriculum: Curriculum | None = None,
+        scenario: Scenario | None = None,
         demonstrations: tuple[Episode, ...] = (),
     ):
         self.control, self.folder = control or Control(), folder
         self._store = TrainingStore(folder, new=settings is not None)
-        self._parallel, self._frames_every, self._curriculum = parallel, frames_every, curriculum
+        self._parallel, self._frames_every = parallel, frames_every
         try:
             if settings is None:
                 settings = TrainingSettings.from_document(self._store.settings())
             else:
-                self._store.begin(settings.document())
-            self.settings = settings
+                self._store.begin(settings.document(), scenario)
+            self.settings, self._scenario = settings, self._store.scenario()
             self.progress = self._store.progress()
+            self._curriculum = curriculum or (Curriculum(settings.seed) if settings.curriculum else None)
             reads = settings.architecture
             self.learner = Ddpg(reads, settings.ddpg, self._draw(_POLICY_STREAM, 0))
             self.replay = Replay(settings.ddpg.buffer, reads.channels, reads.state)
             self._store.restore(self.progress, self.learner, self.replay)
-            if curriculum is not None and self.progress.curriculum is not None:
-                curriculum.restore(self.progress.curriculum)
+            if self._curriculum is not None and self.progress.curriculum is not None:
+                self._curriculum.restore(self.progress.curriculum)
             self._demonstrations = self._shown(demonstrations)
         except BaseException:
             self._store.close()
@@ -200,7 +198,7 @@ class Trainer:
                 f"the training was begun for {self.settings.episodes} episodes, not {episodes}"
             )
         self.settings = replace(self.settings, episodes=episodes)
-        self._store.begin(self.settings.document())
+        self._store.begin(self.settings.document(), self._scenario)
 
     def _shown(self, demonstrations: tuple[Episode, ...]) -> Replay | None:
         if not demonstrations:
@@ -218,9 +216,10 @@ class Trainer:
         environment that fails. The last checkpoint stays."""
         _prepare_process()
         settings = self.settings
-        collector = Collector(
-            settings.environment, {**settings.options, "max_steps": settings.steps}, settings.architecture
-        )
+        options = {**settings.options, "max_steps": settings.steps}
+        if self._scenario is not None:
+            options["scenario"] = self._scenario
+        collector = Collector(settings.environment, options, settings.architecture)
         source = CollectorProcess(collector) if self._parallel else _Inline(collector)
         curves = _Curves(self._store.folder, self.progress.episodes)
         try:
@@ -316,7 +315,7 @@ class Trainer:
         return EpisodeOrder(
             number,
             self._draw(_EPISODE_STREAM, number),
-            settings.steps,
+            options.get("max_steps", settings.steps),
             None if number < settings.random_episodes else settings.ddpg.noise,
             options,
             weights(self.learner.actor),

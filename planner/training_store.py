@@ -2,6 +2,7 @@
 
 =========================  =====================================================================
 settings.json              what the training was started with
+scenario.json              what it is on, unless scenarios are drawn
 checkpoint.json            which files hold the newest checkpoint; its replacement commits it
 learner-NNNNNN.safetensors networks and optimisers after so many episodes; the newest alone
 replay/NNNNNN.safetensors  each episode as it was driven
@@ -22,10 +23,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from planner.checkpoint import PolicyError, read_tensors, save_policy, write_file, write_tensors
+from planner.checkpoint import read_tensors, save_policy, write_file, write_tensors
 from planner.ddpg import Ddpg
+from planner.learning_errors import PolicyError, TrainingError, TrainingRefusal
 from planner.replay import Episode, Replay
-from planner.training_refusal import TrainingError, TrainingRefusal
+from scenes.scenario import Scenario
 
 KEPT_EVERY = 10
 """Episodes between the policies that stay."""
@@ -99,13 +101,20 @@ class TrainingStore:
 
     # --- what is kept ----------------------------------------------------------------------------
 
-    def begin(self, settings: dict[str, Any]) -> None:
-        """Keep a new training's settings."""
+    def begin(self, settings: dict[str, Any], scenario: Scenario | None = None) -> None:
+        """Keep a training's settings, and the scenario it is on. Raises TrainingError."""
+        if scenario is not None:
+            self._write("scenario.json", scenario.to_json())
         self._write("settings.json", json.dumps(settings, indent=1) + "\n")
 
     def settings(self) -> dict[str, Any]:
         """Raises TrainingRefusal where they cannot be read."""
         return self._read("settings.json")
+
+    def scenario(self) -> Scenario | None:
+        """What is trained on, None for drawn ones. Raises ScenarioError where it cannot be read."""
+        path = self.folder / "scenario.json"
+        return Scenario.load(path) if path.exists() else None
 
     def progress(self) -> Progress:
         """As of the newest checkpoint; none yet for a training that did not come so far."""

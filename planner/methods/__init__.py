@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from planner.frames import Decision, Percept
@@ -39,12 +40,34 @@ class Briefed(Protocol):
         ...
 
 
+class Weights(Protocol):
+    """Of a learned policy: the file's stem, and the SHA-256 of its bytes."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def sha256(self) -> str: ...
+
+
+@runtime_checkable
+class Learned(Protocol):
+    """A method with weights, named in a drive's summary."""
+
+    policy: Weights
+
+
 @dataclass(frozen=True)
 class MethodEntry:
     """How a method is made from a seed, and what it is in one sentence."""
 
     make: Callable[[int], Method]
     description: str
+
+
+def _covernav_paper(weights: Path | None = None) -> Method:
+    from planner.methods.covernav_paper import CoverNavPaper  # torch is for those who learn
+
+    return CoverNavPaper() if weights is None else CoverNavPaper(weights)
 
 
 METHODS: Mapping[str, MethodEntry] = {
@@ -55,6 +78,10 @@ METHODS: Mapping[str, MethodEntry] = {
     "covernav": MethodEntry(
         lambda seed: CoverNav(),
         "Follows the least exposed of the routes over the robot's own map that are not too long.",
+    ),
+    "covernav_paper": MethodEntry(
+        lambda seed: _covernav_paper(),
+        "The paper's learner: a cost map from its network's attention, driven over by the dynamic window.",
     ),
     "dwa": MethodEntry(
         lambda seed: PlainDwa(),
@@ -84,8 +111,18 @@ METHODS: Mapping[str, MethodEntry] = {
 DEFAULT_METHOD = "least_cost"
 
 
-def make_method(name: str, seed: int = 0) -> Method:
-    """A fresh method by its name. Raises ValueError, naming those there are, for another name."""
+LEARNED = {"covernav_paper": _covernav_paper}
+"""The methods that take other weights than their own."""
+
+
+def make_method(name: str, seed: int = 0, weights: Path | None = None) -> Method:
+    """A fresh method by its name, with weights of a training instead of its own where given.
+
+    Raises ValueError, naming those there are, for another name, and for weights that it does not take."""
     if name not in METHODS:
         raise ValueError(f"there is no method {name!r}; choose one of {', '.join(METHODS)}")
+    if weights is not None:
+        if name not in LEARNED:
+            raise ValueError(f"the method {name} takes no weights; {', '.join(LEARNED)} does")
+        return LEARNED[name](weights)
     return METHODS[name].make(seed)

@@ -15,7 +15,7 @@ from planner.checkpoint import load_policy, read_tensors
 from planner.ddpg import DdpgConfig
 from planner.training import Control, EpisodeDone, Stopped, Trainer, TrainingSettings
 from planner.training_collector import StepFrame
-from planner.training_refusal import TrainingError, TrainingRefusal
+from planner.learning_errors import TrainingError, TrainingRefusal
 
 TOY = "toy_drive:ToyDrive-v0"
 

@@ -1,4 +1,8 @@
-"""Why a training does not begin, or does not go on."""
+"""Why a training does not begin or go on, and why weights are not used."""
+
+
+class PolicyError(ValueError):
+    """Weights that cannot be used; the message says which file and why."""
 
 
 class TrainingRefusal(ValueError):

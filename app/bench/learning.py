@@ -1,0 +1,125 @@
+"""The bench of the learner: training against stable-baselines3's DDPG, and a policy's decision."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from app.bench.measure import Result, faster, interleaved
+from planner.attention_cost import cost_map
+from planner.networks import PAPER, Actor, Encoder
+from planner.training import EpisodeDone, Trainer, TrainingSettings
+
+OPTIONS = {"terrain": "forest", "reward": "corrected", "dynamics": "kinematic"}
+EPISODES, WARM_EPISODES, STEPS = 9, 3, 100
+PUBLISHED_STEPS = 10_000
+
+
+def training() -> Result:
+    """A step of training, driving and learning, by the wall clock on all cores."""
+    ours = _own_step_ms()
+    peer = _peer_step_ms()
+    return faster(
+        "training",
+        ours,
+        peer,
+        "stable-baselines3 DDPG, the same environment and networks, an update a step, batches of 64",
+        f"{1e3 / ours:.0f} and {1e3 / peer:.0f} steps/s over {(EPISODES - WARM_EPISODES) * STEPS} steps at most;"
+        f" {PUBLISHED_STEPS:,} would take {ours * PUBLISHED_STEPS / 6e4:.1f} min at this pace (extrapolated);"
+        " both update once a step, the results differ as their random numbers do",
+        "ms/step",
+    )
+
+
+def policy_decision() -> Result:
+    """An action and the cost map from one observation."""
+    actor, model = Actor(PAPER).eval(), _peer()
+    observation, _ = model.get_env().envs[0].reset(seed=0)
+    layers = torch.from_numpy(observation["layers"][None, : PAPER.channels])
+    state = torch.from_numpy(observation["state"][None, : PAPER.state])
+    actor.load_state_dict(_renamed(model.actor.state_dict()), strict=False)
+
+    @torch.inference_mode()
+    def ours() -> np.ndarray:
+        action = actor(layers, state)[0].numpy()
+        cost_map(actor.encoder.attend(layers)[0].numpy(), observation["layers"][0])
+        return action
+
+    ours_ms, peer_ms = interleaved(ours, lambda: model.predict(observation, deterministic=True), 60)
+    return faster(
+        "policy_decision",
+        ours_ms,
+        peer_ms,
+        "stable-baselines3 predict, the same encoder, without a cost map",
+        "a network of the same size; its head has no layer norm and so other numbers",
+    )
+
+
+def _own_step_ms() -> float:
+    settings = TrainingSettings(episodes=EPISODES, steps=STEPS, options=OPTIONS, resets=(), random_episodes=1)
+    seconds = steps = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        for event in Trainer(Path(folder) / "training", settings).run():
+            if isinstance(event, EpisodeDone) and event.number >= WARM_EPISODES:
+                seconds += event.steps / event.steps_per_s
+                steps += event.steps
+    return 1e3 * seconds / steps
+
+
+def _peer_step_ms() -> float:
+    model = _peer()
+    model.learn(WARM_EPISODES * STEPS)
+    begun = time.perf_counter()
+    steps = (EPISODES - WARM_EPISODES) * STEPS
+    model.learn(steps, reset_num_timesteps=False)
+    return 1e3 * (time.perf_counter() - begun) / steps
+
+
+@cache
+def _peer() -> Any:
+    from stable_baselines3 import DDPG
+    from stable_baselines3.common.noise import NormalActionNoise
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+    class Extractor(BaseFeaturesExtractor):
+        """Our encoder, on what the paper's network reads."""
+
+        def __init__(self, space: gymnasium.Space):
+            encoder = Encoder(PAPER)
+            super().__init__(space, encoder.width)
+            self.encoder: nn.Module = encoder
+
+        def forward(self, observations: dict[str, Tensor]) -> Tensor:
+            layers, state = observations["layers"], observations["state"]
+            return self.encoder(layers[:, : PAPER.channels], state[:, : PAPER.state])
+
+    torch.set_num_threads(1)
+    return DDPG(
+        "MultiInputPolicy",
+        gymnasium.make("CoverNav-v0", **OPTIONS, max_steps=STEPS),
+        learning_rate=1e-4,
+        buffer_size=2000,
+        learning_starts=STEPS,
+        batch_size=64,
+        tau=1e-3,
+        train_freq=1,
+        gradient_steps=1,
+        action_noise=NormalActionNoise(np.zeros(2), 0.1 * np.ones(2)),
+        policy_kwargs={"features_extractor_class": Extractor, "net_arch": [256, 64, 30]},
+        device="cpu",
+        seed=0,
+    )
+
+
+def _renamed(theirs: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The parameters of their encoder by our names."""
+    start = "features_extractor."
+    return {name.removeprefix(start): part for name, part in theirs.items() if name.startswith(start)}
