@@ -32,7 +32,7 @@ def training() -> Result:
         ours,
         peer,
         "stable-baselines3 DDPG, the same environment and networks, an update a step, batches of 64",
-        f"{1e3 / ours:.0f} and {1e3 / peer:.0f} steps/s over {(EPISODES - WARM_EPISODES) * STEPS} steps at most;"
+        f"{1e3 / ours:.0f} and {1e3 / peer:.0f} steps/s over {(EPISODES - WARM_EPISODES) * STEPS} steps;"
         f" {PUBLISHED_STEPS:,} would take {ours * PUBLISHED_STEPS / 6e4:.1f} min at this pace (extrapolated);"
         " both update once a step, the results differ as their random numbers do",
         "ms/step",

@@ -13,15 +13,13 @@ CONFIG = DdpgConfig(actor_rate=1e-3, critic_rate=1e-3, soft_update=0.01)
 
 
 def batch(seed=0, reward=None, terminal=1.0):
-    """Forward is worth what the goal's bearing says, and that is the end."""
+    """An action is worth the more the nearer it is to (0.5, -0.5), unless told, and then it is over."""
     generator = torch.Generator().manual_seed(seed)
-    layers, state = torch.randn(64, 1, 40, 40, generator=generator), torch.randn(64, 25, generator=generator)
+    layers = torch.randn(64, 1, 40, 40, generator=generator)
+    state = torch.randn(64, 25, generator=generator)
     action = 2.0 * torch.rand(64, 2, generator=generator) - 1.0
-    given = (
-        -((action[:, 0] - 0.5) ** 2) - (action[:, 1] + 0.5) ** 2
-        if reward is None
-        else torch.full((64,), reward)
-    )
+    worth = -((action[:, 0] - 0.5) ** 2) - (action[:, 1] + 0.5) ** 2
+    given = worth if reward is None else torch.full((64,), reward)
     return Batch(layers, state, action, given, torch.full((64,), terminal), layers, state)
 
 
@@ -56,9 +54,8 @@ def test_the_targets_follow_slowly():
 def test_what_follows_counts_less_and_nothing_follows_the_end():
     learner = Ddpg(config=CONFIG)
     given = batch(reward=2.0, terminal=0.0)
-    following = learner.target_critic(
-        given.layers, given.state, learner.target_actor(given.layers, given.state)
-    )
+    action = learner.target_actor(given.layers, given.state)
+    following = learner.target_critic(given.layers, given.state, action)
     assert torch.allclose(learner._targets(given), 2.0 + 0.99 * following, atol=1e-6)
     assert torch.equal(learner._targets(batch(reward=2.0)), torch.full((64,), 2.0))
 

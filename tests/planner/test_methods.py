@@ -33,7 +33,7 @@ def test_methods_are_found_by_name_and_say_what_they_are():
 
 
 def test_an_unknown_name_is_refused_with_those_there_are():
-    with pytest.raises(ValueError, match=r"'teleport'.*least_cost, covernav, dwa"):
+    with pytest.raises(ValueError, match=r"'teleport'.*least_cost, covernav, covernav_paper, dwa"):
         make_method("teleport")
 
 
