@@ -15,11 +15,12 @@ from gymnasium.error import ResetNeeded
 
 from planner.elevation_map import MapConfig
 from planner.episode import Ground, Grounds, Task, check_reachable
-from planner.frames import Percept, Perception, Status
+from planner.frames import GridMap, Percept, Perception, Status
 from planner.line_of_sight import View, VisibleFraction, views_at, visible_fraction
-from planner.observation import HIGH, LOW, STATE_HIGH, STATE_LOW, Observation, observe
+from planner.observation import HIGH, LOW, STATE_HIGH, STATE_LOW, Observation, observe, on_patch
 from planner.perception import Perceiver, Sensing
 from planner.reward import REWARDS, Moment, Reward
+from planner.sensed_exposure import sensed_exposure
 from planner.shelter import Shelter
 from scenes.kinematics import KinematicWorld
 from scenes.pose import Pose, Twist, wrap_angle
@@ -56,6 +57,10 @@ MAPPING = {Dynamics.PHYSICS: MapConfig(), Dynamics.KINEMATIC: MapConfig(size=30.
 """The mission's map; and, where speed matters, as much of it as observations show, whichever way it heads."""
 
 
+EXPOSURE_PERIOD = {Dynamics.PHYSICS: 2, Dynamics.KINEMATIC: 4}
+"""Decisions for which what the map tells of exposure is good, unless an observer has been spotted."""
+
+
 class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     """A Husky on its way to a goal, watched or not, deciding four times a second.
 
@@ -78,6 +83,7 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     scenario : drive this one, as it stands, instead of drawn ones; with `goal_distance` among the options
         of a reset, draw drives on its ground
     variety : how many grounds of a terrain there are
+    exposure_layer : whether that layer is filled, a fifth of a step's time; zeros otherwise
 
     `reset` takes a seed, from which all of the episode follows, and options: any of those six, `scenario`
     and `max_steps`. Raises ValueError for what is unknown or out of range, ScenarioError for a scenario
@@ -101,6 +107,7 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         scenario: Scenario | None = None,
         variety: int = 12,
         max_steps: int = 100,
+        exposure_layer: bool = True,
         render_mode: str | None = None,
     ):
         if isinstance(reward, str) and reward not in REWARDS:
@@ -114,6 +121,7 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             state=spaces.Box(STATE_LOW, STATE_HIGH, dtype=np.float32),
         )
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.exposure_layer = exposure_layer
         self._grounds = Grounds(variety)
         self._own = None if scenario is None else Ground(scenario)
         self._world: DrivenWorld | None = None
@@ -134,6 +142,8 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         )
         self.status, self.steps, self.exposed_s = Status.RUNNING, 0, 0.0
         self._elevations: deque[float] = deque(maxlen=REMEMBERED)
+        self._exposure: tuple[GridMap, np.ndarray] | None = None
+        self._known: tuple[int, ...] = ()
         self._pose = self._world.pose
         percept, views = self._sense(self._world)
         seen = visible_fraction(self._rays, views, self._pose)
@@ -213,7 +223,16 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         known = views_at(percept.observers, self._ground.heightmap, percept.time_s)
         if known != views:
             seen = visible_fraction(self._rays, known, self._pose)
-        return observe(percept, heading_change=turned, visible=seen.united)
+        exposure = self._expected_exposure(percept) if self.exposure_layer else None
+        return observe(percept, heading_change=turned, visible=seen.united, exposure=exposure)
+
+    def _expected_exposure(self, percept: Percept) -> np.ndarray:
+        """(40, 40) what the robot's own map says that known observers would see of it about here."""
+        due = self.steps % EXPOSURE_PERIOD[self.dynamics] == 0
+        if self._exposure is None or due or percept.known_observers != self._known:
+            self._exposure, self._known = (percept.grid, sensed_exposure(percept)), percept.known_observers
+        grid, exposure = self._exposure
+        return on_patch(grid, exposure, percept.pose)
 
     def _moment(self, before: Pose, seen: VisibleFraction, shelter: Shelter) -> Moment:
         after, goal, cover = self._pose, self.scenario.goal, self._ground.cover

@@ -165,6 +165,18 @@ class TestEpisodes:
             assert observation["state"][26] == pytest.approx(seconds)
             assert info["terms"]["exposure"] == pytest.approx(-0.4 * 0.25 * seconds)
 
+    def test_the_exposure_layer_is_dark_behind_cover_and_light_before_it(self) -> None:
+        wall = thing(1, "building", x=5.0, y=0.0, length=4.0, width=6.0)
+        watcher = Observer(id=1, x=-9.0, y=0.0, yaw=0.0, fov_horizontal=180.0)
+        env = CoverNavEnv(
+            scenario=field(goal=(0.0, 8.0), cover=(wall,), observers=(watcher,)), perception="oracle"
+        )
+        exposure = env.reset(seed=0)[0]["layers"][4]
+        ahead = exposure[20]
+        assert ahead[20] > 0.9 and ahead[36] < 0.1
+        env.reset(seed=0, options={"scenario": field(cover=(wall,), goal=(0.0, 8.0))})
+        assert not env.step(STOP)[0]["layers"][4].any(), "nobody watches"
+
     def test_cover_in_the_line_of_sight_pays_and_hides(self) -> None:
         wall = thing(1, "building", x=0.0, y=4.0, length=8.0, width=4.0)
         env = CoverNavEnv(scenario=field(goal=(8.0, 0.0), cover=(wall,), observers=(WATCHER,)))
