@@ -22,8 +22,8 @@ REFUSALS = (StudioError, ScenarioError, StoreError, UnknownEntry)
 
 class Change(StrEnum):
     """What a listener is told of: another scenario, an edit, the selection, a frame, the mission's status,
-    the settings, the list of saved scenarios, who sees what, the view's picture of that, and the routes
-    that are compared."""
+    the settings, the list of saved scenarios, who sees what, the view's picture of that, the routes
+    that are compared, and the trainings."""
 
     OPENED = "opened"
     EDITED = "edited"
@@ -35,6 +35,7 @@ class Change(StrEnum):
     EXPOSURE = "exposure"
     OVERLAY = "overlay"
     ROUTES = "routes"
+    TRAINING = "training"
 
 
 class Kind(StrEnum):

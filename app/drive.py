@@ -7,6 +7,7 @@ import logging
 import threading
 from collections.abc import Callable, Coroutine
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 from app.changes import Change
@@ -65,8 +66,9 @@ class Drive:
         seed: int,
         perception: Perception,
         playing: bool = False,
+        weights: Path | None = None,
     ) -> None:
-        """Begin a mission from its start."""
+        """Begin a mission from its start, the learned method with weights of a training where given."""
         self.finish(Status.STOPPED)
         self.frame, self.error, self.real_factor, self.summary = None, None, 0.0, None
         self.timeline.clear()
@@ -74,7 +76,7 @@ class Drive:
         self.message = "getting ready"
         self._started_at = datetime.now(UTC)
         self._scenario, self._scenario_id = scenario, scenario_id
-        self._generation = self.worker.load(scenario, method, seed, perception, playing)
+        self._generation = self.worker.load(scenario, method, seed, perception, playing, weights)
         self._tell(Change.STATUS)
 
     def edit(self, scenario: Scenario, changed: tuple[str, ...]) -> None:

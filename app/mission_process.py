@@ -12,6 +12,7 @@ import threading
 import time
 from dataclasses import dataclass
 from multiprocessing import connection
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -35,6 +36,7 @@ class Load:
     perception: Perception
     snapshot: MissionSnapshot | None = None
     playing: bool = False
+    weights: Path | None = None  # of a training, for the learned method
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,12 @@ class _Child:
             self.mission = None
         self.generation, self.rows = order.generation, []
         self.mission = Mission(
-            order.scenario, order.method, order.seed, order.perception, snapshot=order.snapshot
+            order.scenario,
+            order.method,
+            order.seed,
+            order.perception,
+            snapshot=order.snapshot,
+            weights=order.weights,
         )
         self.playing, self.due = order.playing, time.perf_counter()
         self.pace.restart()

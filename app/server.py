@@ -23,7 +23,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Lifespan
 
 from app import telemetry, viewer_proxy
-from app.api import docs, errors, exposure, mission, route, runs, scenarios, things
+from app.api import docs, errors, exposure, mission, route, runs, scenarios, things, training
 from app.api.bodies import BodyLimit
 from app.changes import COLLECTIONS
 from app.connections import HEAD_LIMIT_BYTES, PromptHttp, PromptWebSocket
@@ -32,6 +32,7 @@ from app.security import WILDCARDS, Gate, Hosts
 from app.settings import Settings, SettingsError
 from app.store import Store
 from app.studio import Studio
+from app.training_service import TrainingService
 from app.viewer_proxy import MAX_MESSAGE, Viewer
 from scenes.scenario import Scenario
 
@@ -48,6 +49,7 @@ def create_app(
     viewer: Viewer | None = None,
     lifespan: Lifespan[FastAPI] | None = None,
     exposures: ExposureService | None = None,
+    trainings: TrainingService | None = None,
 ) -> FastAPI:
     """The ASGI application around a studio that its caller starts and closes; without a `viewer` it has
     no 3D view."""
@@ -70,6 +72,7 @@ def create_app(
     app.include_router(exposure.router(exposures))
     app.include_router(route.router(exposures))
     app.include_router(runs.router(studio.store))
+    app.include_router(training.router(trainings or TrainingService(studio), studio))
     _add_stream(app, studio)
     _add_pages(app)
     if viewer is not None:
@@ -125,9 +128,9 @@ def serve(settings: Settings, scenario: str | None = None) -> None:
         settings = settings.model_copy(update={"port": listening.getsockname()[1]})
         studio = Studio(store, document, scenario_id)
         viser_server, viewer = viewer_proxy.start_viser(TITLE)
-        exposures = ExposureService(studio)
-        lifespan = _lifespan(studio, viser_server, exposures)
-        app = create_app(studio, settings, viewer, lifespan, exposures)
+        exposures, trainings = ExposureService(studio), TrainingService(studio)
+        lifespan = _lifespan(studio, viser_server, exposures, trainings)
+        app = create_app(studio, settings, viewer, lifespan, exposures, trainings)
         server = _Server(_configuration(app), lambda: print(address(settings), flush=True))
         server.run(sockets=[listening])
         if not server.started:
@@ -201,7 +204,10 @@ class _Server(uvicorn.Server):
 
 
 def _lifespan(
-    studio: Studio, viser_server: viser.ViserServer, exposures: ExposureService
+    studio: Studio,
+    viser_server: viser.ViserServer,
+    exposures: ExposureService,
+    trainings: TrainingService,
 ) -> Lifespan[FastAPI]:
     @contextlib.asynccontextmanager
     async def live(app: FastAPI) -> AsyncIterator[None]:
@@ -215,6 +221,7 @@ def _lifespan(
         finally:
             view.close()
             exposures.close()
+            await trainings.close()
             with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye
                 await asyncio.gather(asyncio.to_thread(viser_server.stop), studio.close())
 

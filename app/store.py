@@ -76,19 +76,12 @@ class Store:
         self._naming = threading.Lock()
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with closing(self._connect()) as database:
+            with closing(connected(self.workspace)) as database:
                 database.executescript(SCHEMA)
                 if "columns" not in {row["name"] for row in database.execute("PRAGMA table_info(runs)")}:
                     database.execute(NAME_COLUMNS)
         except (OSError, sqlite3.Error) as error:
             raise StoreError(f"the workspace {self.workspace} cannot be used: {error}") from None
-
-    def _connect(self) -> sqlite3.Connection:
-        database = sqlite3.connect(self.workspace / "runs.sqlite", timeout=10.0)
-        database.row_factory = sqlite3.Row
-        database.execute("PRAGMA journal_mode = WAL")
-        database.execute("PRAGMA synchronous = FULL")
-        return database
 
     # scenarios
 
@@ -195,7 +188,7 @@ class Store:
             " ".join(FRAME_COLUMNS),
         )
         try:
-            with closing(self._connect()) as database, database:
+            with closing(connected(self.workspace)) as database, database:
                 cursor = database.execute(
                     "INSERT INTO runs (started_at, scenario_id, scenario, summary, frames, columns)"
                     " VALUES (?, ?, ?, ?, ?, ?)",
@@ -207,7 +200,7 @@ class Store:
 
     def runs(self, limit: int = 200) -> list[dict[str, Any]]:
         """The newest runs first: id, started_at, scenario_id and the summary's keys."""
-        with closing(self._connect()) as database:
+        with closing(connected(self.workspace)) as database:
             rows = database.execute(
                 "SELECT id, started_at, scenario_id, summary FROM runs ORDER BY id DESC LIMIT ?", (limit,)
             ).fetchall()
@@ -230,13 +223,22 @@ class Store:
         return Scenario.model_validate_json(document)
 
     def _run_row(self, run_id: int, columns: str) -> sqlite3.Row:
-        with closing(self._connect()) as database:
+        with closing(connected(self.workspace)) as database:
             row = None
             if 0 < run_id < 2**63:
                 row = database.execute(f"SELECT {columns} FROM runs WHERE id = ?", (run_id,)).fetchone()
         if row is None:
             raise UnknownEntry(f"there is no run {run_id}")
         return row
+
+
+def connected(workspace: Path) -> sqlite3.Connection:
+    """The workspace's database, to be closed. Raises sqlite3.Error."""
+    database = sqlite3.connect(workspace / "runs.sqlite", timeout=10.0)
+    database.row_factory = sqlite3.Row
+    database.execute("PRAGMA journal_mode = WAL")
+    database.execute("PRAGMA synchronous = FULL")
+    return database
 
 
 def _describe(row: sqlite3.Row) -> dict[str, Any]:

@@ -58,6 +58,7 @@ class Studio(Switchboard):
         self.scenario, self.scenario_id = scenario, scenario_id
         self.heightmap = scenario.terrain.heightmap()
         self.method, self.perception, self.seed, self.speed = DEFAULT_METHOD, Perception.LIDAR, 0, 1.0
+        self.weights: Path | None = None
         self.selection: Selection | None = None
         self.edits = 0
         self.overlay: Overlay | None = None
@@ -382,7 +383,8 @@ class Studio(Switchboard):
     # the mission
 
     def _load(self, playing: bool = False) -> None:
-        self._drive.load(self.scenario, self.scenario_id, self.method, self.seed, self.perception, playing)
+        settings = self.method, self.seed, self.perception
+        self._drive.load(self.scenario, self.scenario_id, *settings, playing, self.weights)
 
     def play(self) -> None:
         """Drive; a mission that is over starts again."""
@@ -421,11 +423,12 @@ class Studio(Switchboard):
             raise StudioError(f"the robot's place {reason}")
         self._drive.worker.set_pose(place.x, place.y, math.radians(place.yaw))
 
-    def set_method(self, name: str) -> None:
+    def set_method(self, name: str, weights: Path | None = None) -> None:
+        """Plan with another method from now on, the learned one with weights of a training where given."""
         if name not in METHODS:
             raise StudioError(f"there is no method {name!r:.40}; choose one of {', '.join(METHODS)}", 404)
-        self.method = name
-        self._drive.worker.set_method(name)
+        self.method, self.weights = name, weights
+        self._drive.worker.set_method(name, weights)
         self.tell(Change.SETTINGS)
 
     def set_perception(self, mode: str) -> None:

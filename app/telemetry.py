@@ -37,6 +37,7 @@ def mission_document(studio: Studio) -> dict[str, Any]:
         "status": studio.status.value,
         "time_s": _number(frame.time_s) if frame is not None else 0.0,
         "method": studio.method,
+        "policy": None if studio.weights is None else studio.weights.stem,
         "perception": studio.perception.value,
         "speed": studio.speed,
         "pose": _pose(studio, frame),
@@ -192,7 +193,7 @@ class _Listener:
         """A drag's many edits and their pictures may wait for their turn, or they would use up the turns of
         what ends it."""
         match change:
-            case Change.FRAME | Change.EXPOSURE:
+            case Change.FRAME | Change.EXPOSURE | Change.TRAINING:
                 return False
             case Change.OVERLAY:
                 overlay = self._studio.overlay

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from multiprocessing import connection
+from pathlib import Path
 from typing import Any
 
 from app.mission_process import Call, Edit, Load, Play, Progress, Refused, Saved, Speed, Step, child_main
@@ -21,6 +22,7 @@ from scenes.scenario import Scenario
 
 SILENCE_LIMIT_S = 8.0
 LOADING_LIMIT_S = 180.0
+SLOW_SETTERS = ("set_method",)  # a learned one's libraries take their time
 RESTARTS_BEFORE_GIVING_UP = 3
 CALM_AFTER_S = 60.0  # a process that has lived this long was not broken from the start
 
@@ -90,14 +92,22 @@ class MissionWorker:
             self._thread.join(2.0)
 
     def load(
-        self, scenario: Scenario, method: str, seed: int, perception: Perception, playing: bool = False
+        self,
+        scenario: Scenario,
+        method: str,
+        seed: int,
+        perception: Perception,
+        playing: bool = False,
+        weights: Path | None = None,
     ) -> int:
         """Begin a mission anew; returns the generation that its reports will carry."""
         with self._guard:
             self._generation += 1
             self._snapshot = None
             self._deaths = 0
-            self._loaded = Load(self._generation, scenario, method, seed, perception, None, playing)
+            self._loaded = Load(
+                self._generation, scenario, method, seed, perception, None, playing, weights
+            )
             if self._running is None:
                 self._spawn()
             else:
@@ -111,17 +121,18 @@ class MissionWorker:
                 self._loaded = replace(self._loaded, scenario=scenario)
             self._send(Edit({name: getattr(scenario, name) for name in fields}, goal_set))
 
-    def set_method(self, name: str) -> None:
-        self._set("method", name, "set_method")
+    def set_method(self, name: str, weights: Path | None = None) -> None:
+        """Plan with another method, or with weights of a training."""
+        self._set("set_method", method=name, weights=weights)
 
     def set_perception(self, mode: Perception) -> None:
-        self._set("perception", mode, "set_perception")
+        self._set("set_perception", perception=mode)
 
-    def _set(self, field_name: str, value: Any, setter: str) -> None:
+    def _set(self, setter: str, **values: Any) -> None:
         with self._guard:
             if self._loaded is not None:
-                self._loaded = replace(self._loaded, **{field_name: value})
-            self._send(Call(setter, (value,)))
+                self._loaded = replace(self._loaded, **values)
+            self._send(Call(setter, tuple(values.values())))
 
     def set_pose(self, x: float, y: float, yaw: float) -> None:
         """Put the robot somewhere; yaw in radians."""
@@ -167,7 +178,7 @@ class MissionWorker:
             return
         try:
             with running.lock:
-                if isinstance(order, Load):
+                if isinstance(order, Load) or getattr(order, "setter", "") in SLOW_SETTERS:
                     running.patience_s = LOADING_LIMIT_S
                 running.sent += 1
                 running.pipe.send(order)
@@ -219,13 +230,14 @@ class MissionWorker:
             self._deaths = 1 if calm else self._deaths + 1
             restore = self._deaths < RESTARTS_BEFORE_GIVING_UP
             self._running = None
-            reason = "stopped answering" if silent else _how_it_ended(running.process.exitcode)
+            reason = "stopped answering" if silent else how_it_ended(running.process.exitcode)
             self._listeners.died(reason, restore)
             if restore and not self._closing:
                 self._spawn()
 
 
-def _how_it_ended(exitcode: int | None) -> str:
+def how_it_ended(exitcode: int | None) -> str:
+    """A process's end in words, after its name."""
     if exitcode is not None and exitcode < 0:
         try:
             return f"was ended by {signal.Signals(-exitcode).name}"

@@ -7,6 +7,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -50,9 +51,10 @@ class Mission:
     time_limit_s : for each leg; by default 30 s and 6 s a metre of the straight line
     decision_period_s : how often the method decides, at least a tick of 0.1 s; its command holds in between
     snapshot : of a mission of the same terrain, to go on from; scenario, method and perception given here win
+    weights : of a training, instead of the learned method's own
     world : makes what is driven in; `scenes.kinematics.KinematicWorld` for drives by the dozen
 
-    Raises ValueError for an unknown method or a decision period below a tick.
+    Raises ValueError for an unknown method, weights that cannot be used or a decision period below a tick.
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class Mission:
         snapshot: MissionSnapshot | None = None,
         *,
         decision_period_s: float = TICK_S,
+        weights: Path | None = None,
         world: Callable[..., DrivenWorld] = World,
     ):
         if not (math.isfinite(decision_period_s) and decision_period_s >= TICK_S):
@@ -73,7 +76,7 @@ class Mission:
         self.scenario, self.seed, self.method_name = scenario, seed, method
         self._time_limit_s = time_limit_s
         self._ticks_per_decision = round(decision_period_s / TICK_S)
-        self._method = make_method(method, seed)
+        self._method = make_method(method, seed, weights)
         self._perceiver = Perceiver(scenario, perception, np.random.default_rng(seed))
         self._heightmap = scenario.terrain.heightmap()
         self._rays = RayScene(self._heightmap, scenario.cover)
@@ -269,9 +272,11 @@ class Mission:
         self._world.place_robot(x, y, yaw)
         self._begin_leg()
 
-    def set_method(self, name: str) -> None:
-        """Plan with another method from now on. Raises ValueError for an unknown one."""
-        self._method, self.method_name = make_method(name, self.seed), name
+    def set_method(self, name: str, weights: Path | None = None) -> None:
+        """Plan with another method from now on, or with weights of a training.
+
+        Raises ValueError for an unknown one, and for weights that cannot be used."""
+        self._method, self.method_name = make_method(name, self.seed, weights), name
         self._brief()
         self._decision = None
 
