@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,12 +31,17 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
         "--out", type=Path, metavar="DIR", help="empty or new; named after reward and seed else"
     )
     where.add_argument("--resume", type=Path, metavar="DIR", help="go on with the training in it")
+    where.add_argument("--curves", type=Path, nargs="+", metavar="DIR", help="summarise trainings by seeds")
+    train.add_argument("--json", metavar="FILE|-", help="of --curves")
     train.set_defaults(command=train_policy)
 
 
 def train_policy(arguments: argparse.Namespace) -> None:
     """Train to the end, or until interrupted. Raises TrainingRefusal for what cannot be asked, TrainingError
     where it cannot go on."""
+    if arguments.curves is not None:
+        _summarise(arguments.curves, arguments.json or "-")
+        return
     from tqdm import tqdm
 
     from planner.training import EpisodeDone, Stopped, Trainer
@@ -53,6 +59,21 @@ def train_policy(arguments: argparse.Namespace) -> None:
             elif isinstance(event, Stopped):
                 done = f"{event.episodes} of {total} episodes"
     print(f"{done} in {folder}; the policy is {folder / 'policy.safetensors'}")
+
+
+def _summarise(folders: list[Path], target: str) -> None:
+    from planner.learning_errors import TrainingRefusal
+    from planner.training_curves import summarise
+    from scenes.scenario import write_atomically
+
+    text = json.dumps(summarise(folders), allow_nan=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+        return
+    try:
+        write_atomically(Path(target), text)
+    except OSError as error:
+        raise TrainingRefusal(f"{target} cannot be written: {error.strerror or error}") from None
 
 
 def _trainer(arguments: argparse.Namespace, make: Any) -> Any:

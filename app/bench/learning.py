@@ -104,7 +104,7 @@ def _peer() -> Any:
     torch.set_num_threads(1)
     return DDPG(
         "MultiInputPolicy",
-        gymnasium.make("CoverNav-v0", **OPTIONS, max_steps=STEPS),
+        gymnasium.make("CoverNav-v0", max_steps=STEPS, **OPTIONS),  # type: ignore[arg-type]
         learning_rate=1e-4,
         buffer_size=2000,
         learning_starts=STEPS,

@@ -38,6 +38,12 @@ def test_nothing_but_the_result_is_printed_without_a_terminal(trained, capfd):
     assert printed.out.count("\n") == 1 and printed.err == ""
 
 
+def test_trainings_are_summarised_as_one_document(trained, capsys):
+    assert main(["train", "--curves", str(trained)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["groups"][0]["seeds"] == [4]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
