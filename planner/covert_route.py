@@ -163,6 +163,13 @@ class CovertPlanner:
         rim, room = self.config.cost.rim, self.config.turning_room
         return np.maximum(bad, np.clip((room - self.clearance) / (room - rim), 0.0, 1.0) ** 2)
 
+    def shun(self, x: float, y: float, radius: float) -> None:
+        """From now on lead routes past the places within `radius` of (x, y) as past treacherous ground, for a
+        drive there has failed."""
+        rows, cols = np.indices(self.costs.forbidden.shape)
+        offset = self.costs.centre(rows, cols) - (x, y)
+        self.treacherous[:, np.hypot(offset[..., 0], offset[..., 1]) <= radius] = 1.0
+
     # --- routes ----------------------------------------------------------------------------------
 
     def route(

@@ -41,6 +41,9 @@ class DriverConfig:
         that are believed, and the radians or metres a tick below which there is nothing to learn from
     corridor : how far a free direction is looked along
     recoveries : in one region, after which the robot is stuck; region : its radius
+    patient_recoveries : after so many it doubts the slip that it has learnt, and leaves what it is too near
+        to by `squeezing` instead of by the dynamic window's own `leaving`: it would never get free where
+        every arc ends a little nearer to something
     """
 
     goal_tolerance: float = 0.2
@@ -59,6 +62,8 @@ class DriverConfig:
     corridor: float = 3.0
     region: float = 2.5
     recoveries: int = 10
+    patient_recoveries: int = 2
+    squeezing: tuple[float, float, float] = (0.02, 0.6, 0.01)
     dwa: DwaConfig = field(default_factory=DwaConfig)
 
 
@@ -109,6 +114,11 @@ class Driver:
         self._trouble: _Mark | None = None
         self._recoveries = 0
 
+    @property
+    def recoveries(self) -> int:
+        """How often it had to get free in this region."""
+        return self._recoveries
+
     def drive(self, percept: Percept, target: tuple[float, float], ground: Ground) -> Driven:
         """The command toward `target` (world), slowing down as the percept's goal comes near."""
         self._remember(percept)
@@ -148,8 +158,21 @@ class Driver:
             return Driven(Twist(), rollout.arcs, f"stopping: {reason}")
         return self._recover(percept, target, around, reason)
 
+    @property
+    def _squeezes(self) -> bool:
+        return self._recoveries > self.config.patient_recoveries
+
+    @property
+    def _dwa(self) -> DwaConfig:
+        config = self.config
+        return replace(config.dwa, leaving=config.squeezing) if self._squeezes else config.dwa
+
+    @property
+    def _expected_slip(self) -> Slip:
+        return NO_SLIP if self._squeezes else self._slip
+
     def _arcs(self, percept: Percept, target: tuple[float, float], around: Surroundings) -> Rollout:
-        dwa = self.config.dwa
+        dwa = self._dwa
         slowing = math.sqrt(2.0 * self.config.deceleration * percept.goal_distance)
         max_speed = float(np.clip(slowing, self.config.slowest, dwa.max_speed))
         # Arcs much longer than the way to the target would rather crawl than end beyond it.
@@ -160,7 +183,7 @@ class Driver:
         near = min(1.0, percept.goal_distance / dwa.clearance_reach)
         weights = replace(dwa.weights, clearance=near * dwa.weights.clearance)
         dwa = replace(dwa, horizon=horizon, weights=weights)
-        return evaluate(dwa, v, w, percept.pose, target, around, max_speed, self._slip)
+        return evaluate(dwa, v, w, percept.pose, target, around, max_speed, self._expected_slip)
 
     def _words(self, percept: Percept) -> str:
         return f"driving to the goal, {percept.goal_distance:.1f} m left"
@@ -250,10 +273,10 @@ class Driver:
             back = v < 0.0
             behind = self._trail[-1] if self._trail else _ahead(percept, percept.pose.yaw, -1.0)
             weights = Weights(heading=0.0, velocity=0.5)
-            dwa = replace(self.config.dwa, weights=weights)
+            dwa = replace(self._dwa, weights=weights)
             if back.any():
                 rollout = evaluate(
-                    dwa, v[back], w[back], percept.pose, behind, around, dwa.min_speed, self._slip
+                    dwa, v[back], w[back], percept.pose, behind, around, dwa.min_speed, self._expected_slip
                 )
                 if rollout.arcs.chosen >= 0:
                     note = f"backing off: {self._reason}"
@@ -269,8 +292,8 @@ class Driver:
             rate = math.copysign(min(1.0, 0.3 + abs(error)), error)
             for w in (rate, -rate):
                 rollout = evaluate(
-                    replace(self.config.dwa, horizon=1.0),
-                    np.zeros(1), np.array([w]), percept.pose, target, around, slip=self._slip,
+                    replace(self._dwa, horizon=1.0),
+                    np.zeros(1), np.array([w]), percept.pose, target, around, slip=self._expected_slip,
                 )  # fmt: skip
                 if rollout.arcs.chosen >= 0:
                     note = f"turning to a free direction: {self._reason}"

@@ -67,6 +67,7 @@ class DwaConfig:
     creep_speed : at which unknown ground may be entered
     margin : kept between footprint and obstacles, `speed_margin` more for each m/s, less only where the robot
         is nearer already and leaves at no more than `escape_speed`
+    leaving : how it leaves then, as `planner.dwa_kernel.roll_out` has it
     moving_margin : kept to moving obstacles; nearer than 0.9 m from its middle a VLP-16 sees nothing
     point_radius : how far from its mapped point an obstacle's surface may be, half the diagonal of a cell
     pitch_limit, roll_limit : radians, predicted from the map under the wheels; less roll than pitch, for a
@@ -93,6 +94,7 @@ class DwaConfig:
     speed_margin: float = 0.12
     moving_margin: float = 0.3
     escape_speed: float = 0.3
+    leaving: tuple[float, float, float] = (0.01, 0.8, 0.01)
     point_radius: float = 0.14
     pitch_limit: float = math.radians(25.0)
     roll_limit: float = math.radians(20.0)
@@ -212,7 +214,7 @@ def evaluate(
         config.steps, config.dt, config.heading_share,
         np.array([config.braking, config.yaw_braking]), config.reaction, config.creep_speed,
         0.5 * np.array([config.footprint.length, config.footprint.width]), config.contact_distance,
-        config.speed_margin, config.escape_speed, ranked,
+        config.speed_margin, config.escape_speed, np.array(config.leaving), ranked,
         _discs(config, surroundings.moving), ground.elevation.astype(float), ground.forbidden,
         np.array([ground.x_min, ground.y_min, ground.resolution]), _WHEELS, 
         np.tan([config.pitch_limit, config.roll_limit]),

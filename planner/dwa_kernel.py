@@ -12,16 +12,11 @@ from numba import njit
 
 COLLISION, CANNOT_STOP, MOVING_OBSTACLE, SLOPE, TILT, UNKNOWN_GROUND, OFF_THE_MAP = 1, 2, 3, 4, 5, 6, 7
 
-LEAVING_SLACK, LEAVING_FLOOR, LEAVING_GAIN = 0.01, 0.8, 0.01
-"""How the robot leaves a margin: metres that something may come nearer meanwhile, for no turn keeps a
-distance exactly; the share of the contact distance below which an arc must end farther away than it began,
-for a robot that may end nearer creeps into things bit by bit; and by how many metres."""
-
 
 @njit(cache=True)
 def roll_out(
     v, w, slip, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
-    half_size, contact, speed_margin, escape_speed, points, moving,
+    half_size, contact, speed_margin, escape_speed, leaving, points, moving,
     elevation, forbidden, origin, wheels, tilt_limits,
 ):  # fmt: skip
     """Every arc as far as it is free, and why it is not admissible.
@@ -34,6 +29,9 @@ def roll_out(
     half_size : (2,) half length and half width of the footprint's core, a rectangle; nearer to it than
         `contact`, and `speed_margin` more for each m/s, nothing may come; up to `escape_speed` a robot that
         is nearer already may leave
+    leaving : (3,) how a robot that is nearer leaves: metres that something may come nearer meanwhile, for no
+        turn keeps a distance exactly; the share of `contact` below which an arc must end farther away than it
+        began, for a robot that may end nearer creeps into things bit by bit; and by how many metres
     points : (m, 3) obstacle points x, y and distance from the start, nearest first
     moving : (k, 5) discs x, y, vx, vy, contact distance
     elevation, forbidden : (rows, cols) ground heights (NaN unknown) and untraversable cells, cell [0, 0] at
@@ -55,7 +53,7 @@ def roll_out(
     here = np.array([start[0], start[1], start[2], math.cos(start[2]), math.sin(start[2])])
     reach = math.hypot(half_size[0], half_size[1])
     start_distance = _least_distance(here, half_size, points)
-    leaving, too_near = start_distance - LEAVING_SLACK, start_distance < LEAVING_FLOOR * contact
+    nearer, too_near = start_distance - leaving[0], start_distance < leaving[1] * contact
     # Where the robot is in a margin or stands on bad ground, it may leave slowly but not make it worse.
     discs = moving.copy()
     for j in range(moving.shape[0]):
@@ -68,7 +66,7 @@ def roll_out(
     for i in range(n):
         limit = contact + speed_margin * abs(v[i])
         if abs(v[i]) <= escape_speed:
-            limit = min(limit, leaving)
+            limit = min(limit, nearer)
         sideways = slip[0] * w[i] + slip[1] * abs(v[i])
         _trace(v[i], w[i], sideways, here, dt, heading_share, path)
         for k in range(steps + 1):
@@ -96,7 +94,7 @@ def roll_out(
         if hazard == MOVING_OBSTACLE:
             # Standing still does not help against what comes nearer.
             rejection[i] = MOVING_OBSTACLE
-        elif too_near and (v[i] != 0.0 or w[i] != 0.0) and nearest[i] < start_distance + LEAVING_GAIN:
+        elif too_near and (v[i] != 0.0 or w[i] != 0.0) and nearest[i] < start_distance + leaving[2]:
             rejection[i] = COLLISION
         elif hazard != 0 and free_time[i] < needed:
             rejection[i] = CANNOT_STOP if hazard == COLLISION and free_time[i] > reaction else hazard

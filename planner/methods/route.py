@@ -73,6 +73,8 @@ class FollowConfig:
     look_ahead, nearest_waypoint : how far along the route the waypoint lies at most and at least
     corner : how far the straight line to the waypoint may stray from the route
     lost : farther from its route the robot plans a new one
+    failed : recoveries in one region after which it leads its route past what lies between it and its
+        waypoint, and all within `berth` of that
     late : so many seconds behind a plan against the clock, too; early : it may be so many ahead of it
     """
 
@@ -80,6 +82,8 @@ class FollowConfig:
     nearest_waypoint: float = 0.5
     corner: float = 0.12
     lost: float = 1.2
+    failed: int = 2
+    berth: float = 0.6
     late: float = 4.0
     early: float = 1.2
     spacing: float = 0.1
@@ -110,6 +114,7 @@ class FollowRoute:
         self._places = np.zeros((0, 2))
         self._due: np.ndarray | None = None
         self._at = 0
+        self._recoveries = 0
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_planner": None}
@@ -134,16 +139,20 @@ class FollowRoute:
 
     def _keep_route(self, percept: Percept) -> None:
         """Advance along the route, or plan one where there is none or it is lost."""
-        here = np.array([percept.pose.x, percept.pose.y])
+        here, ahead = np.array([percept.pose.x, percept.pose.y]), self._places[:0]
+        recoveries, self._recoveries = self._recoveries, self._driver.recoveries
+        failed = len(self._places) > 0 and max(recoveries, self.config.failed - 1) < self._recoveries
         if len(self._places):
             ahead = self._places[self._at : self._at + round(3.0 / self.config.spacing)]
             distance = np.hypot(*(ahead - here).T)
             nearest = int(np.argmin(distance))
-            if distance[nearest] <= self.config.lost and not self._late(percept.time_s):
+            if distance[nearest] <= self.config.lost and not self._late(percept.time_s) and not failed:
                 self._at += nearest
                 return
         if self._planner is None:
             raise RuntimeError("the method must be briefed with the scenario before it decides")
+        if failed:
+            self._planner.shun(*(0.5 * (here + self._waypoint(percept, ahead))), self.config.berth)
         route = self._choose(self._planner, percept)
         self._places, due = _evenly(route.points, self.config.spacing, route.times)
         self._due = None if due is None else percept.time_s + due

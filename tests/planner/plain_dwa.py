@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from planner.dwa_kernel import LEAVING_FLOOR, LEAVING_GAIN, LEAVING_SLACK
 from planner.frames import Rejection
 
 
 def roll_out(
     v, w, slip, start, target, steps, dt, heading_share, braking, reaction, creep_speed,
-    half_size, contact, speed_margin, escape_speed, points, moving,
+    half_size, contact, speed_margin, escape_speed, leaving, points, moving,
     elevation, forbidden, origin, wheels, tilt_limits,
 ):  # fmt: skip
     """Arguments and results as `planner.dwa_kernel.roll_out`, but poses (n, steps + 1, 3) first."""
@@ -34,7 +33,7 @@ def roll_out(
         near = gaps[i]
         limit = contact + speed_margin * abs(v[i])
         if abs(v[i]) <= escape_speed:
-            limit = min(limit, near[0] - LEAVING_SLACK)
+            limit = min(limit, near[0] - leaving[0])
         met = np.flatnonzero(np.minimum.accumulate(near)[1 : free + 1] < limit)
         if len(met):
             free, hazard = int(met[0]), Rejection.COLLISION
@@ -60,7 +59,7 @@ def roll_out(
         )
         if near[0] < contact:
             nearest = near[free]
-        creeps = near[0] < LEAVING_FLOOR * contact and (v[i] or w[i]) and near[free] < near[0] + LEAVING_GAIN
+        creeps = near[0] < leaving[1] * contact and (v[i] or w[i]) and near[free] < near[0] + leaving[2]
         if creeps and verdict != Rejection.MOVING_OBSTACLE:
             verdict = Rejection.COLLISION
         rows.append((nearest, unknown_poses / steps, tilt, free, verdict))

@@ -54,6 +54,19 @@ def test_three_alternatives_from_short_to_hidden(planner):
     assert hidden.longest_exposure_s <= hidden.duration_s
 
 
+def test_a_place_where_a_drive_has_failed_is_led_past():
+    planner = behind_a_wall()
+    before = planner.route(START, GOAL, 0.0)
+    middle = before.points.mean(axis=0) if len(before.points) > 2 else np.mean([START, GOAL], axis=0)
+    planner.shun(*middle, 0.8)
+    after = planner.route(START, GOAL, 0.0)
+    dense = np.concatenate(
+        [np.linspace(a, b, 50) for a, b in zip(after.points[:-1], after.points[1:], strict=True)]
+    )
+    assert np.hypot(*(dense - middle).T).min() > 0.6
+    assert after.length_m > before.length_m
+
+
 def test_the_same_map_gives_the_same_route(planner):
     again = behind_a_wall().route(START, GOAL, 0.7)
     assert np.array_equal(again.points, planner.route(START, GOAL, 0.7).points)

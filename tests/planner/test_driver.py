@@ -8,6 +8,7 @@ from maps import drive, grid_map, percept
 
 from planner.cost_map import CostConfig, ground_near
 from planner.driver import Driver, DriverConfig, State
+from planner.dwa import Slip
 from planner.frames import TrackedObstacle
 from scenes.pose import Pose, Twist, wrap_angle
 from scenes.scenario import ObstacleKind
@@ -71,6 +72,16 @@ def test_shut_in_it_gives_up_in_the_end():
     log = drive(toward_goal(Driver()), box, ORIGIN, ticks=1500)
     assert log[-1][1].stuck and "stuck" in log[-1][1].note
     assert max(max(abs(now.pose.x), abs(now.pose.y)) for now, _ in log) < 0.8
+
+
+@pytest.mark.parametrize(("patience", "frees_itself"), [(2, True), (99, False)])
+def test_gets_free_from_beside_a_post_that_it_believes_to_slide_into(patience, frees_itself):
+    post = grid_map(blocked=lambda x, y: np.hypot(x, y - 0.4) < 0.05)
+    beside = Pose(-0.06, -0.09, 0.0)
+    driver = Driver(DriverConfig(patient_recoveries=patience))
+    driver._slip = Slip(0.0, 0.3)
+    log = drive(toward_goal(driver), post, beside, ticks=700)
+    assert bool(distances(log)[-1] < 0.35) == frees_itself
 
 
 def test_turns_to_where_it_is_free_not_to_where_it_was_before():

@@ -262,6 +262,7 @@ def test_kernel_agrees_with_its_plain_twin(seed):
         rng.uniform(-5, 5, 2), 20, 0.1,
         rng.choice([0.5, 1.0]), rng.choice([0.0, 1.5]) * np.array([1.0, 2.0]), rng.choice([0.0, 0.2]), 0.4,
         rng.choice([0.0, 1.0]) * np.array([0.5, 0.33]), rng.uniform(0.1, 0.4), rng.choice([0.0, 0.1]), 0.3,
+        rng.choice([0.0, 0.04, 0.8], 3),
         ranked, moving, elevation, forbidden, np.array([-3.0, -3.0, 0.2]), WHEELS, np.tan([0.4, 0.3]),
     )  # fmt: skip
     ours, plain = dwa_kernel.roll_out(*arguments), plain_dwa.roll_out(*arguments)
