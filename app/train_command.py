@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,9 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
     )
     where.add_argument("--resume", type=Path, metavar="DIR", help="go on with the training in it")
     where.add_argument("--curves", type=Path, nargs="+", metavar="DIR", help="summarise trainings by seeds")
-    train.add_argument("--json", metavar="FILE|-", help="of --curves")
+    where.add_argument("--validate", type=Path, nargs="+", metavar="DIR", help="compare trainings' policies")
+    train.add_argument("--missions", type=whole(1, 1000), default=10, help="of each terrain, of --validate")
+    train.add_argument("--json", metavar="FILE|-", help="of --curves and --validate")
     train.set_defaults(command=train_policy)
 
 
@@ -40,7 +42,12 @@ def train_policy(arguments: argparse.Namespace) -> None:
     """Train to the end, or until interrupted. Raises TrainingRefusal for what cannot be asked, TrainingError
     where it cannot go on."""
     if arguments.curves is not None:
-        _summarise(arguments.curves, arguments.json or "-")
+        from planner.training_curves import summarise
+
+        _write(summarise(arguments.curves), arguments.json or "-")
+        return
+    if arguments.validate is not None:
+        _write(_validate(arguments.validate, arguments.missions), arguments.json or "-")
         return
     from tqdm import tqdm
 
@@ -61,12 +68,24 @@ def train_policy(arguments: argparse.Namespace) -> None:
     print(f"{done} in {folder}; the policy is {folder / 'policy.safetensors'}")
 
 
-def _summarise(folders: list[Path], target: str) -> None:
+def _validate(folders: list[Path], missions: int) -> dict[str, Any]:
+    from tqdm import tqdm
+
+    from planner.policy_validation import best, validate
+
+    found = [
+        validate(folder / "policy.safetensors", missions)
+        for folder in tqdm(folders, disable=None, unit="policy", file=sys.stderr)
+    ]
+    rows = [{"training": folder.name} | asdict(each) for folder, each in zip(folders, found, strict=True)]
+    return {"best": folders[best(found)].name, "missions_per_terrain": missions, "rows": rows}
+
+
+def _write(document: dict[str, Any], target: str) -> None:
     from planner.learning_errors import TrainingRefusal
-    from planner.training_curves import summarise
     from scenes.scenario import write_atomically
 
-    text = json.dumps(summarise(folders), allow_nan=False) + "\n"
+    text = json.dumps(document, allow_nan=False) + "\n"
     if target == "-":
         sys.stdout.write(text)
         return
