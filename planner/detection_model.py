@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scenes.scenario import ObserverSpec
+
 
 @dataclass(frozen=True)
 class DetectionModel:
@@ -35,6 +37,11 @@ class DetectionModel:
         """Rate a second of each observer, for visible fractions from 0 to 1 and distances in metres, arrays
         that broadcast."""
         return self.rate * np.asarray(fraction) * np.exp(-np.square(np.asarray(distance) / self.distance))
+
+
+def detection_of(observer: ObserverSpec) -> DetectionModel:
+    """As the observer's own properties have it."""
+    return DetectionModel(observer.detection_rate, observer.detection_distance)
 
 
 def probability(hazard: float) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from planner.detection_model import DetectionModel, probability
+from planner.detection_model import probability
 from planner.frames import Exposure, Frame, Watch
 from planner.line_of_sight import View, VisibleFraction
 from scenes.pose import Pose
@@ -41,7 +41,6 @@ class _Tally:
 class ExposureLog:
     """Totals of a drive, tick by tick; each tick counts with what is seen at its end."""
 
-    model: DetectionModel = field(default_factory=DetectionModel)
     duration_s: float = 0.0
     _united: _Tally = field(default_factory=_Tally)
     _each: dict[int, _Tally] = field(default_factory=dict)
@@ -53,13 +52,17 @@ class ExposureLog:
         only take note of what is seen now."""
         middle = np.array([pose.x, pose.y, pose.z + 0.5 * HUSKY.height])
         eyes = np.array([view.eye for view in views]).reshape(-1, 3)
-        hazards = self.model.hazard(seen.each, np.linalg.norm(eyes - middle, axis=1))
+        distances = np.linalg.norm(eyes - middle, axis=1)
+        hazards = [
+            float(view.detection.hazard(fraction, distance))
+            for view, fraction, distance in zip(views, seen.each, distances, strict=True)
+        ]
         for tally in self._each.values():
             tally.fraction = 0.0
-        for view, fraction, hazard in zip(views, seen.each.tolist(), hazards.tolist(), strict=True):
+        for view, fraction, hazard in zip(views, seen.each.tolist(), hazards, strict=True):
             self._each.setdefault(view.observer_id, _Tally()).add(seconds, fraction, hazard)
         unseen = math.exp(-self._united.hazard)
-        together = float(hazards.sum())
+        together = sum(hazards)
         self._united.add(seconds, seen.united, together)
         self._detected_s += (self.duration_s + 0.5 * seconds) * unseen * probability(seconds * together)
         self._concealed_s += seconds if seen.united <= NOTICEABLE else 0.0

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from planner.detection_model import DetectionModel, detection_of
 from scenes.pose import Pose
 from scenes.rays import RayScene
 from scenes.robot import HUSKY
@@ -31,6 +32,7 @@ class View:
     fov_horizontal : radians, centred on `yaw`, 2π sees all round
     fov_vertical : radians, centred on the horizon, π sees straight up and down
     range : from the eye, in three dimensions
+    detection : how soon the observer notices what it sees
     A field of view or a range of zero sees nothing.
     """
 
@@ -42,6 +44,7 @@ class View:
     fov_horizontal: float
     fov_vertical: float
     range: float
+    detection: DetectionModel = field(default_factory=DetectionModel)
 
     @property
     def eye(self) -> np.ndarray:
@@ -83,6 +86,7 @@ def views_at(observers: Iterable[Observer], heightmap: Heightmap, time_s: float)
             math.radians(observer.fov_horizontal),
             math.radians(observer.fov_vertical),
             observer.range,
+            detection_of(observer),
         )
         for observer, (x, y, yaw), z in zip(watching, poses, ground, strict=True)
     )

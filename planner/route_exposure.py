@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planner.detection_model import DetectionModel, probability
+from planner.detection_model import probability
 from planner.exposure_log import NOTICEABLE
 from planner.line_of_sight import View, views_at
 from planner.pace import Course
@@ -39,12 +39,10 @@ def course_exposure(
     heightmap: Heightmap,
     observers: Sequence[Observer],
     course: Course,
-    model: DetectionModel | None = None,
     begun_s: float = 0.0,
 ) -> CourseExposure:
     """The exposure of a drive that begins at `begun_s` of the patrols' clock: the hull as it stands on the
     ground at each place, seen by the observers where they are by then."""
-    model = model or DetectionModel()
     hull, middles = _hulls(heightmap, course)
     light = np.zeros((len(observers), *hull.shape[:2]))
     hazard = np.zeros(len(middles))
@@ -52,7 +50,7 @@ def course_exposure(
         for places, view in _views(observer, heightmap, course, begun_s):
             light[index, places] = seen = _light(rays, view, hull[places])
             distance = np.linalg.norm(middles[places] - view.eye, axis=1)
-            hazard[places] += model.hazard(seen.mean(axis=1), distance)
+            hazard[places] += view.detection.hazard(seen.mean(axis=1), distance)
     united = light.max(axis=0, initial=0.0).mean(axis=1)
     return CourseExposure(
         united,

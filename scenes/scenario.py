@@ -101,13 +101,19 @@ class Walker(Point):
 
 
 class ObserverSpec(Walker):
-    """One who watches: eye height over the ground, facing `yaw`, field of view and range."""
+    """One who watches: eye height over the ground, facing `yaw`, field of view and range.
+
+    detection_rate, detection_distance : how soon it notices what it sees, a second at point-blank range in
+        plain view, and the metres at which that has fallen to 1/e (`planner.detection_model`)
+    """
 
     name: Name | None = None
     eye_height: Annotated[float, between(0.0, 100.0)] = 1.7
     fov_horizontal: Annotated[float, between(0.0, 360.0)] = 120.0
     fov_vertical: Annotated[float, between(0.0, 180.0)] = 90.0
     range: Annotated[float, between(0.0, 5000.0)] = 40.0
+    detection_rate: Annotated[float, between(0.0, 1000.0)] = 1.0
+    detection_distance: Annotated[float, between(0.1, 5000.0)] = 20.0
     known: bool = True
 
 

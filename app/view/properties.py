@@ -95,6 +95,8 @@ FIELDS: dict[Kind, tuple[Field, ...]] = {
         Field("range", "Range (m)", low=0.0, high=5000.0, step=1.0),
         Field("fov_horizontal", "Field of view (°)", low=0.0, high=360.0, step=5.0),
         Field("fov_vertical", "Vertical field (°)", low=0.0, high=180.0, step=5.0),
+        Field("detection_rate", "Notices at once (1/s)", low=0.0, high=1000.0),
+        Field("detection_distance", "Notices within (m)", low=0.1, high=5000.0, step=1.0),
         *_BEAT,
     ),
     Kind.OBSTACLE: (

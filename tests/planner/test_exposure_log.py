@@ -1,6 +1,7 @@
 """What a drive's exposure adds up to."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,9 +23,9 @@ STEADY = DetectionModel(rate=0.2, distance=1e9)  # the same at any distance
 
 def logged(*ticks, seconds=0.1, model=STEADY) -> ExposureLog:
     """A tick for each pair of fractions, of the west and the east."""
-    log = ExposureLog(model)
+    log, views = ExposureLog(), tuple(replace(view, detection=model) for view in (WEST, EAST))
     for west, east in ticks:
-        log.add(seconds, (WEST, EAST), VisibleFraction(max(west, east), np.array([west, east])), HERE)
+        log.add(seconds, views, VisibleFraction(max(west, east), np.array([west, east])), HERE)
     return log
 
 
@@ -108,3 +109,14 @@ def test_the_summary_is_flat_and_names_each_observer():
     assert details["concealed_fraction"] == 0.0 and 0.0 < details["expected_detection_s"] < 1.0
     assert [each["observer_id"] for each in details["by_observer"]] == [1, 2]
     assert set(details["by_observer"][0]) == {"observer_id", *log.summary()}
+
+
+def test_an_observer_with_field_glasses_notices_sooner():
+    def detected(**fields) -> float:
+        watcher = view(FLAT, -30.0, 0.0, id=1, range=100.0, **fields)
+        log = ExposureLog()
+        log.add(5.0, (watcher,), VisibleFraction(1.0, np.array([1.0])), HERE)
+        return log.exposure.detection_probability
+
+    assert detected() < 0.5 < detected(detection_distance=80.0)
+    assert detected(detection_rate=0.0) == 0.0
