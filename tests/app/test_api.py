@@ -32,7 +32,8 @@ def test_the_mission_says_where_the_robot_is_in_metres_and_degrees(client, studi
     assert mission["goal"] == {"x": 3.0, "y": 0.0}
     assert mission["cover"] == {"in_cover": False, "fraction": 0.0, "chosen": None}
     assert set(mission) == {
-        *("status", "time_s", "method", "perception", "speed", "pose", "goal", "exposure", "cover", "error")
+        *("status", "time_s", "method", "perception", "speed", "pose", "goal", "exposure", "cover", "error"),
+        "policy",
     }
 
 
