@@ -10,12 +10,15 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from app.teach_command import add_arguments, teach
+
 TERRAINS = ("all", "normal", "low", "low_high", "forest")
 
 
 def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> None:
     """Describe the command and its arguments; `whole` and `seed` parse numbers."""
-    train = commands.add_parser("train", help="train the paper's learner", allow_abbrev=False)
+    words = "train the paper's learner or covernav's network"
+    train = commands.add_parser("train", help=words, allow_abbrev=False)
     train.add_argument("--episodes", type=whole(1, 1_000_000), help="100 where it is left out")
     train.add_argument(
         "--steps", type=whole(1, 10_000), help="of an episode at most; 100 where it is left out"
@@ -35,12 +38,16 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
     where.add_argument("--validate", type=Path, nargs="+", metavar="DIR", help="compare trainings' policies")
     train.add_argument("--missions", type=whole(1, 1000), default=10, help="of each terrain, of --validate")
     train.add_argument("--json", metavar="FILE|-", help="of --curves and --validate")
+    add_arguments(train, whole)
     train.set_defaults(command=train_policy)
 
 
 def train_policy(arguments: argparse.Namespace) -> None:
     """Train to the end, or until interrupted. Raises TrainingRefusal for what cannot be asked, TrainingError
     where it cannot go on."""
+    if arguments.learner == "exposure":
+        teach(arguments)
+        return
     if arguments.curves is not None:
         from planner.training_curves import summarise
 

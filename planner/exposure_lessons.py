@@ -1,0 +1,103 @@
+"""A whole training of the exposure network in a folder: samples by scene, the best weights so far, a card.
+
+Samples that are there already are not collected again, so that a run that was cut off goes on.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import torch
+from joblib import Parallel, delayed
+
+from planner.checkpoint import write_file
+from planner.exposure_learning import Sample, Score, fit, samples, score
+from planner.exposure_network import ExposureNetwork, save_network
+from scenes.scenario import Family, ScenarioError
+
+WEIGHTS, CARD = "covernav.safetensors", "covernav.json"
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """seed : of the first scene, the weights and the order of the samples; scene i has seed + i and the
+    terrains in turn; the last `held_out` of them are for validation alone
+    """
+
+    scenes: int = 400
+    held_out: int = 60
+    seed: int = 5000
+    epochs: int = 30
+
+    @property
+    def seeds(self) -> tuple[range, range]:
+        """Of the scenes learnt from, and of those held out."""
+        last = self.seed + self.scenes
+        return range(self.seed, last), range(last, last + self.held_out)
+
+
+def collect(folder: Path, seeds: Sequence[int], jobs: int) -> Iterator[int]:
+    """Drive the scenes that are not in `folder` yet; yields each seed as it is there. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    missing = [seed for seed in seeds if not _file(folder, seed).exists()]
+    yield from (seed for seed in seeds if seed not in set(missing))
+    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered")
+    yield from cast(Iterator[int], parallel(delayed(_collect)(folder, seed) for seed in missing))
+
+
+def _collect(folder: Path, seed: int) -> int:
+    families = list(Family)
+    try:
+        taken = samples(families[seed % len(families)], seed)
+    except ScenarioError:  # a seed without a mission in which cover matters
+        taken = []
+    packed = io.BytesIO()
+    np.savez_compressed(
+        packed,
+        layers=np.array([sample.layers for sample in taken]),
+        target=np.array([sample.target for sample in taken]),
+        counts=np.array([sample.counts for sample in taken]),
+    )
+    write_file(_file(folder, seed), packed.getvalue())
+    return seed
+
+
+def read(folder: Path, seeds: Sequence[int]) -> list[Sample]:
+    """The samples of scenes that have been collected."""
+    found = []
+    for seed in seeds:
+        with np.load(_file(folder, seed)) as arrays:
+            found += map(Sample, arrays["layers"], arrays["target"], arrays["counts"])
+    return found
+
+
+def learn(folder: Path, lessons: Lessons) -> Iterator[tuple[Score, bool]]:
+    """Train on what `collect` has put into `folder`; yields the validation's score after each epoch and
+    whether it is the best so far, whose weights are in `WEIGHTS` and figures in `CARD`.
+
+    Raises OSError, FileNotFoundError where a scene is missing."""
+    torch.manual_seed(lessons.seed)
+    network = ExposureNetwork()
+    given, held_out = (read(folder, seeds) for seeds in lessons.seeds)
+    best = score(network, held_out)
+    for epoch, now in enumerate(fit(network, given, held_out, lessons.epochs, lessons.seed), 1):
+        better = now.brier < best.brier
+        if better:
+            best = now
+            figures = {
+                "lessons": asdict(lessons), "epoch": epoch, "samples": len(given),
+                "validation_samples": len(held_out), "validation": asdict(now),
+            }  # fmt: skip
+            save_network(folder / WEIGHTS, network)
+            write_file(folder / CARD, json.dumps(figures, indent=1).encode())
+        yield now, better
+
+
+def _file(folder: Path, seed: int) -> Path:
+    return folder / f"{seed}.npz"
