@@ -214,7 +214,7 @@ def _lifespan(
         from app.view.view import StudioView  # the interface works without the view's libraries loaded
 
         await studio.start()
-        view = StudioView(studio, viser_server, exposures)
+        view = StudioView(studio, viser_server, exposures, trainings)
         view.start()
         try:
             yield

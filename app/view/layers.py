@@ -24,6 +24,9 @@ class Layer(StrEnum):
     ROUTE = "route"
     PATH = "path"
     DETECTIONS = "detections"
+    LEARNER = "learner"
+    LEARNED = "learned"
+    TRIALS = "trials"
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,9 @@ STYLES: dict[Layer, LayerStyle] = {
     Layer.ROUTE: LayerStyle("Planned route", "7", palette.ROUTE),
     Layer.PATH: LayerStyle("Travelled path", "8", palette.TRAVELLED),
     Layer.DETECTIONS: LayerStyle("Detections", "9", palette.HIDDEN),
+    Layer.LEARNER: LayerStyle("Robot that learns", None, palette.GHOST),
+    Layer.LEARNED: LayerStyle("What it sees about it", None, (70, 156, 226), 0.75),
+    Layer.TRIALS: LayerStyle("Drives before and after learning", None, palette.TRIALS[1]),
     Layer.TERRAIN: LayerStyle("Terrain", None, (111, 121, 82)),
     Layer.WATER: LayerStyle("Water", None, palette.WATER),
 }

@@ -53,6 +53,9 @@ ROUTES: dict[str, RGB] = {
 REFUGE: RGB = (190, 255, 214)
 POST: RGB = (255, 232, 120)
 BLOCKED: RGB = (202, 64, 84)
+GHOST: RGB = (176, 214, 255)
+TRIALS: tuple[RGB, RGB] = ((224, 222, 214), (110, 190, 255))
+"""Drives before and after learning."""
 TRAVELLED: RGB = (236, 240, 244)
 SCAN_LOW: RGB = (92, 150, 214)
 SCAN_HIGH: RGB = (226, 242, 255)
@@ -108,14 +111,43 @@ _COUNT_STOPS = np.array(
 def exposure_colours(exposure: np.ndarray) -> np.ndarray:
     """(n, 3) uint8 of exposures from 0, hidden, to 1, in plain view; pale where half the light comes
     through."""
-    stops = np.linspace(0.0, 1.0, len(_EXPOSURE_STOPS))
-    parts = [np.interp(exposure, stops, _EXPOSURE_STOPS[:, part]) for part in range(3)]
-    return np.round(np.column_stack(parts)).astype(np.uint8)
+    return _along(_EXPOSURE_STOPS, exposure)
 
 
 def count_colours(most: int) -> np.ndarray:
     """(most + 1, 3) uint8 by the number of observers: hidden, then ever deeper orange."""
     return _COUNT_STOPS[np.minimum(np.arange(most + 1), len(_COUNT_STOPS) - 1)]
+
+
+_ELEVATION_STOPS = np.array([(38, 44, 58), (92, 84, 72), (168, 150, 116), (240, 230, 204)], float)
+_ATTENTION_STOPS = np.array([(14, 20, 40), (28, 74, 146), (70, 156, 226), (220, 244, 255)], float)
+_COVER_STOPS = np.array([(70, 72, 66), (110, 178, 84)], float)
+CURVES: tuple[RGB, ...] = (
+    (244, 244, 240), (110, 190, 255), (240, 145, 40), (38, 160, 150), (236, 106, 196), (244, 206, 66),
+    (164, 122, 200), (202, 64, 84), (150, 206, 120), (176, 150, 120), (140, 148, 160),
+)  # fmt: skip
+"""Curves side by side, as different in lightness as in hue; the first is the sum of the others."""
+
+
+def elevation_colours(share: np.ndarray) -> np.ndarray:
+    """(n, 3) uint8 of heights from 0, the lowest shown, to 1, the highest: darker is lower."""
+    return _along(_ELEVATION_STOPS, share)
+
+
+def attention_colours(share: np.ndarray) -> np.ndarray:
+    """(n, 3) uint8 of attention from 0, none, to 1, the most: lighter is more."""
+    return _along(_ATTENTION_STOPS, share)
+
+
+def cover_colours(share: np.ndarray) -> np.ndarray:
+    """(n, 3) uint8 of the presence of cover, 0 to 1."""
+    return _along(_COVER_STOPS, share)
+
+
+def _along(stops: np.ndarray, share: np.ndarray) -> np.ndarray:
+    at = np.linspace(0.0, 1.0, len(stops))
+    parts = [np.interp(share, at, stops[:, part]) for part in range(3)]
+    return np.round(np.column_stack(parts)).astype(np.uint8)
 
 
 def css(colour: RGB) -> str:

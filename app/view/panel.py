@@ -13,6 +13,7 @@ from app.view.panel_exposure import ExposureTab
 from app.view.panel_layers import LayersTab
 from app.view.panel_plan import PlanTab
 from app.view.panel_scenarios import ScenariosTab
+from app.view.panel_training import TrainingTab
 from app.view.tools import HINTS
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Panel:
-    """The tabs Plan, Drive, Exposure, Layers and Scenes under a line that says which tool is held."""
+    """The tabs Plan, Drive, Exposure, Train, Layers and Scenes under a line that says which tool is held."""
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
@@ -34,6 +35,8 @@ class Panel:
             self.drive = DriveTab(desk)
         with tabs.add_tab("Exposure"):
             self.exposure = ExposureTab(desk)
+        with tabs.add_tab("Train"):
+            self.training = TrainingTab(desk)
         with tabs.add_tab("Layers"):
             self.layers = LayersTab(desk)
         with tabs.add_tab("Scenes"):
@@ -72,6 +75,10 @@ class Panel:
 
     def refresh(self, change: Change) -> None:
         """Show what has changed."""
+        if change in (Change.TRAINING, Change.OPENED, Change.SETTINGS):
+            self.training.refresh()
+        if change is Change.TRAINING:
+            return
         if change in (Change.SELECTED, Change.EDITED, Change.OPENED):
             self.plan.refresh()
         if change not in (Change.SELECTED, Change.EXPOSURE, Change.OVERLAY, Change.ROUTES):

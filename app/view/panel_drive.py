@@ -29,7 +29,7 @@ class DriveTab:
         self._speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1×")
         desk.on_value(self._speed, lambda label: studio.set_speed(SPEEDS.get(label, 1.0)))
         self._method = gui.add_dropdown("Method", tuple(METHODS), initial_value=studio.method)
-        desk.on_value(self._method, studio.set_method)
+        desk.on_value(self._method, self._choose_method)
         self._perception = gui.add_dropdown("Perception", tuple(PERCEPTIONS))
         desk.on_value(
             self._perception, lambda label: studio.set_perception(PERCEPTIONS.get(str(label), str(label)))
@@ -43,6 +43,10 @@ class DriveTab:
     def _play_or_pause(self) -> None:
         (self._studio.pause if self._studio.status is Status.RUNNING else self._studio.play)()
 
+    def _choose_method(self, label: str) -> None:
+        if label != called(self._studio):
+            self._studio.set_method(label)
+
     def refresh(self, change: Change) -> None:
         studio = self._studio
         if change is not Change.FRAME:
@@ -55,12 +59,20 @@ class DriveTab:
             nearest = min(SPEEDS, key=lambda label: abs(math.log(SPEEDS[label] / studio.speed)))
             perception = next(label for label, mode in PERCEPTIONS.items() if mode is studio.perception)
             show_value(self._speed, nearest)
-            show_value(self._method, studio.method)
+            labels = tuple(METHODS) if studio.weights is None else (*METHODS, called(studio))
+            if tuple(self._method.options) != labels:
+                self._method.options = labels
+            show_value(self._method, called(studio))
             show_value(self._perception, perception)
             show_value(self._seed, min(studio.seed, LARGEST_SEED))
         numbers = live_numbers(studio)
         if numbers != self._shown:
             self._numbers.content = self._shown = numbers
+
+
+def called(studio: Studio) -> str:
+    """The method, with the training's checkpoint that it drives by, if any."""
+    return studio.method if studio.weights is None else f"{studio.method} · {studio.weights.stem}"
 
 
 def live_numbers(studio: Studio) -> str:

@@ -53,6 +53,12 @@ class CoverLayer:
         self._ready = {}
         self._draw_single(next((thing for thing in scenario.cover if thing.id == selected), None), heightmap)
 
+    def clear(self) -> None:
+        """Draw nothing until the next edit."""
+        for node in self._nodes.values():
+            node.show(None)
+        self._drawn = dict.fromkeys(self._drawn)
+
     def _draw_single(self, thing: CoverObject | None, heightmap: Heightmap) -> None:
         shape = None if thing is None else (thing.kind, thing.id, thing.length, thing.width, thing.height)
         if shape != self._single_shape:

@@ -15,12 +15,14 @@ import viser
 from app.changes import Change
 from app.exposure_service import ExposureService
 from app.studio import Studio
+from app.training_service import TrainingService
 from app.view.camera import FIELD_OF_VIEW, Viewpoint, opening_view
 from app.view.exposure import ExposureShow
 from app.view.keys import bind_keys
 from app.view.layers import Layer, LayerState
 from app.view.picking import Picker
 from app.view.scene import MapMeshes, Scene
+from app.view.training import TrainingShow
 from app.view.viewer import Viewer
 from scenes.rays import RayScene
 
@@ -34,7 +36,11 @@ class StudioView:
     """Owns the scene of a viser server and one `Viewer` for each browser that is connected."""
 
     def __init__(
-        self, studio: Studio, server: viser.ViserServer, exposures: ExposureService | None = None
+        self,
+        studio: Studio,
+        server: viser.ViserServer,
+        exposures: ExposureService | None = None,
+        trainings: TrainingService | None = None,
     ) -> None:
         self.studio, self.server = studio, server
         self.layers = LayerState()
@@ -49,6 +55,9 @@ class StudioView:
         self.scene = Scene(server, self.layers)
         self.exposure = ExposureShow(
             studio, server.scene, self.layers, exposures or ExposureService(studio)
+        )
+        self.training = TrainingShow(
+            studio, server.scene, self.layers, trainings or TrainingService(studio), self._training_changed
         )
         self._frame_camera()
         meshes = MapMeshes.of(studio.scenario, studio.heightmap)
@@ -67,6 +76,7 @@ class StudioView:
         """Stop drawing."""
         self._unsubscribe()
         self.exposure.close()
+        self.training.close()
         if self._draw_due is not None:
             self._draw_due.cancel()
 
@@ -126,7 +136,8 @@ class StudioView:
             case Change.STATUS if self.studio.frame is None:
                 self._edit()
         self.exposure.hear(change)
-        if change is not Change.FRAME:
+        self.training.hear(change)
+        if change not in (Change.FRAME, Change.TRAINING):
             for viewer in self._viewers.values():
                 viewer.refresh(change)
 
@@ -185,6 +196,7 @@ class StudioView:
         self.layers.visible[layer] = visible
         self.scene.show_layer(layer, visible)
         self.exposure.show_layer(layer)
+        self.training.show_layer(layer)
         if visible and self.studio.frame is not None:
             self._schedule_draw()
         self._layers_changed()
@@ -196,9 +208,14 @@ class StudioView:
         self.layers.opacity[layer] = opacity
         self.scene.set_opacity(layer, opacity, self.studio.heightmap)
         self.exposure.show_layer(layer)
+        self.training.show_layer(layer)
         if self.studio.frame is not None:
             self._schedule_draw()
         self._layers_changed()
+
+    def _training_changed(self) -> None:
+        for viewer in self._viewers.values():
+            viewer.refresh(Change.TRAINING)
 
     def _layers_changed(self) -> None:
         for viewer in self._viewers.values():
@@ -224,4 +241,4 @@ def _dress(server: viser.ViserServer) -> None:
         control_width="medium",
     )
     server.gui.main_panel.dock_right()
-    server.gui.main_panel.set_width(330)
+    server.gui.main_panel.set_width(352)
