@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
+from importlib.util import find_spec
 from typing import Any
 
 from app.bench.driving import mission_speed, tick
 from app.bench.exposure import united_exposure
+from app.bench.learning import policy_decision, training
 from app.bench.line_of_sight import viewshed
 from app.bench.measure import Result
 from app.bench.planning import dwa_cycle
@@ -31,23 +33,38 @@ CASES: dict[str, Callable[[], Result]] = {
         united_exposure,
         covert_route,
         space_time,
+        training,
+        policy_decision,
     )
 }
+
+PEERS_TO_INSTALL = {"training": "stable_baselines3", "policy_decision": "stable_baselines3"}
+"""Peers that do not come with the studio: without them their cases are left out."""
 
 
 def run(only: str | None = None) -> list[dict[str, Any]]:
     """Run every case, or the one called `only`; each as a dict of the fields of `Result`.
 
-    Raises ValueError for a name that is not in CASES."""
+    Raises ValueError for a name that is not in CASES, or whose peer is not installed."""
     if only is not None and only not in CASES:
         raise ValueError(f"there is no bench {only!r}; choose one of {', '.join(CASES)}")
     results = []
     for name, case in CASES.items():
         if only in (None, name):
+            missing = name in PEERS_TO_INSTALL and find_spec(PEERS_TO_INSTALL[name]) is None
+            if missing and only is None:
+                print(f"{name} is left out: {_how_to_install(name)}", file=sys.stderr)
+                continue
+            if missing:
+                raise ValueError(f"the bench {name!r} {_how_to_install(name)}")
             if sys.stderr.isatty():
                 print(f"{name} …", file=sys.stderr, flush=True)
             results.append(asdict(case()))
     return results
+
+
+def _how_to_install(name: str) -> str:
+    return f"needs {PEERS_TO_INSTALL[name]}; install the studio with its extra, pip install '.[bench]'"
 
 
 def table(results: list[dict[str, Any]]) -> str:

@@ -31,6 +31,8 @@ def test_the_cases_are_those_that_were_promised():
         "united_exposure",
         "covert_route",
         "space_time",
+        "training",
+        "policy_decision",
     ]
 
 
@@ -51,6 +53,15 @@ def test_only_runs_one_case_and_the_table_shows_peer_and_comparison(monkeypatch)
 def test_an_unknown_case_is_refused_with_the_known_ones():
     with pytest.raises(ValueError, match="no bench 'x'; choose one of dwa_cycle"):
         bench.run("x")
+
+
+def test_a_case_whose_peer_is_not_installed_is_left_out_and_said_so(monkeypatch, capsys):
+    monkeypatch.setattr(bench, "PEERS_TO_INSTALL", {"tick": "no_such_library"})
+    monkeypatch.setattr(bench, "CASES", {"tick": bench.CASES["tick"]})
+    assert bench.run() == []
+    assert "tick is left out: needs no_such_library" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="needs no_such_library"):
+        bench.run("tick")
 
 
 def test_both_sides_are_called_in_turns_after_a_call_that_does_not_count():
