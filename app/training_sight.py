@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from planner.elevation_map import PATCH_CELLS
+from planner.elevation_map import PATCH_CELLS, PATCH_RESOLUTION
 from planner.line_of_sight import views_at
 from planner.observation import ELEVATION_LIMIT, LAYERS, patch_points
 from scenes.catalogue import CATALOGUE
@@ -114,12 +114,12 @@ class TrueGround:
         return exposure
 
     def _cover(self, points: np.ndarray, pose: Pose) -> np.ndarray:
-        """1 on what can hide the robot, for points (n, 2) about it."""
+        """1 in cells that reach what can hide the robot, for points (n, 2) about it."""
         cover = np.zeros(len(points))
         reach = float(np.hypot(*(points - (pose.x, pose.y)).T).max(initial=0.0))
         for outline in self._outlines:
             if math.hypot(outline.x - pose.x, outline.y - pose.y) <= reach + outline.radius:
-                cover[outline.distance(points) <= 0.0] = 1.0
+                cover[outline.distance(points) <= 0.5 * PATCH_RESOLUTION] = 1.0
         return cover
 
 

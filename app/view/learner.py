@@ -22,7 +22,7 @@ from scenes.scenario import Observer, Scenario
 from scenes.terrain import Heightmap
 
 GAP = 6.0  # metres between the open map and the ground beside it
-GHOSTLY, ALPHA = 0.55, 190
+GHOSTLY, ALPHA = 0.6, 235
 LIFTED = np.array([0.0, 0.0, 0.1])
 EYE_POST = 0.05
 

@@ -64,8 +64,9 @@ def data_url(colours: np.ndarray) -> str:
     image = np.transpose(colours, (1, 0, 2))[::-1, ::-1]
     stripe = (np.add.outer(np.arange(len(image)), np.arange(len(image))) // 2) % 3 == 0
     hatching = np.where(stripe[..., None], palette.UNKNOWN_STRIPE, palette.UNKNOWN)
+    behind = np.where(image[..., 3:] > 0, palette.PANEL, hatching)
     share = image[..., 3:] / 255.0
-    opaque = np.round(share * image[..., :3] + (1.0 - share) * hatching).astype(np.uint8)
+    opaque = np.round(share * image[..., :3] + (1.0 - share) * behind).astype(np.uint8)
     with io.BytesIO() as buffer:
         Image.fromarray(opaque).save(buffer, "PNG")
         return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"

@@ -58,12 +58,17 @@ def state(training: Training | None) -> str:
         last = recent[-1]
         share = float(np.mean([row["success"] for row in recent]))
         rows += [
-            ("Last episode", f"{last['final'].replace('_', ' ')}, return {last['total']:.1f}"),
+            ("Last episode", f"{ended(last['final'])}, return {last['total']:.1f}"),
             (f"Success, last {len(recent)}", f"{share:.0%}"),
         ]
         if "steps_per_s" in last:
             rows.append(("Pace", f"{last['steps_per_s']:.0f} steps/s"))
     return markup.block(markup.sentence(f"{words}."), _bar(done / wanted), markup.table(rows))
+
+
+def ended(status: str) -> str:
+    """How an episode ended; one that had not was cut off."""
+    return "out of steps" if status == "running" else status.replace("_", " ")
 
 
 def _bar(share: float) -> str:

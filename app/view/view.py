@@ -241,4 +241,4 @@ def _dress(server: viser.ViserServer) -> None:
         control_width="medium",
     )
     server.gui.main_panel.dock_right()
-    server.gui.main_panel.set_width(352)
+    server.gui.main_panel.set_width(376)
