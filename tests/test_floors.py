@@ -57,7 +57,12 @@ def test_only_the_physics_module_knows_pybullet() -> None:
 
 def test_every_dependency_is_used_and_every_import_declared() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    module_of = {"pillow": "PIL", "python-multipart": "python_multipart", "xarray-spatial": "xrspatial"}
+    module_of = {
+        "pillow": "PIL",
+        "python-multipart": "python_multipart",
+        "stable-baselines3": "stable_baselines3",
+        "xarray-spatial": "xrspatial",
+    }
     # fastapi's form parser and torch's event writer import them
     through_others = {"python_multipart", "tensorboard"}
     declared, for_the_bench = (
