@@ -117,7 +117,7 @@ class CurvePlot:
                 data,
                 ({"label": "episode"}, *(_series(name, order) for order, name in enumerate(curves))),
                 scales=scales,
-                axes=({**_axis(), "incrs": WHOLE}, _axis()),
+                axes=(_axis(incrs=WHOLE), _axis()),
                 legend={"show": True, "live": False},
                 height=HEIGHT + 11 * len(curves),
                 padding=(6, 10, 0, 0),
@@ -129,6 +129,6 @@ def _series(name: str, order: int) -> Any:
     return {"label": name, "stroke": colour, "width": 2.0 if order == 0 else 1.2, "points": {"show": False}}
 
 
-def _axis() -> Any:
+def _axis(**more: Any) -> Any:
     lines = {"stroke": "#3a3f45", "width": 1}
-    return {"stroke": _AXIS, "grid": lines, "ticks": lines, "font": "10px system-ui", "size": 34}
+    return {"stroke": _AXIS, "grid": lines, "ticks": lines, "font": "10px system-ui", "size": 34, **more}

@@ -34,7 +34,7 @@ LAID = {
     "attention": Seen.ATTENTION, "cost": Seen.COST, "elevation": Seen.ELEVATION, "exposure": Seen.EXPOSURE,
     "cover": Seen.COVER, "nothing": None,
 }  # fmt: skip
-DRIVERS = {"network and dynamic window": Driver.METHOD, "network alone": Driver.NETWORK}
+DRIVERS = {"network alone": Driver.NETWORK, "network and dynamic window": Driver.METHOD}
 NONE = "none yet"
 LARGEST_SEED = 2**31 - 1
 
@@ -139,7 +139,7 @@ class TrainingTab:
         before, after = (names.get(chosen.value, LAST) for chosen in (self._before, self._checkpoint))
         note = self._desk.progress("Before and after", f"{training.called} drives this mission twice")
         try:
-            await self._show.compare(before, after, DRIVERS.get(self._driver.value, Driver.METHOD))
+            await self._show.compare(before, after, DRIVERS.get(self._driver.value, Driver.NETWORK))
         finally:
             note.remove()
 

@@ -17,6 +17,7 @@ from app.training_process import Drawn, Moved
 from app.training_records import Training
 from app.training_service import TrainingService, View
 from app.training_sight import Seen, Sight
+from app.training_trial import Driver
 from app.view import palette
 from app.view.layers import Layer, LayerState
 from app.view.learner import LearnerGround
@@ -55,7 +56,9 @@ class TrainingShow:
         self.comparing = False
         self._studio, self._layers, self._refresh = studio, layers, refresh
         self._ground = LearnerGround(scene, f"/{Layer.LEARNER.value}", f"/{Layer.LEARNED.value}")
-        self._trials = [Lines(scene, f"/{Layer.TRIALS.value}/{name}", 0.09) for name in ("before", "after")]
+        root = f"/{Layer.TRIALS.value}"
+        # the first is wider, so that it is seen where both went the same way
+        self._trials = Lines(scene, f"{root}/before", 0.18), Lines(scene, f"{root}/after", 0.08)
         self._episode = -1
         self._queue: list[Drawn] = []
         self._standing = False
@@ -105,7 +108,7 @@ class TrainingShow:
             case Change.OPENED:
                 self._forget_learner()
 
-    async def compare(self, before: str, after: str, driver) -> None:
+    async def compare(self, before: str, after: str, driver: Driver) -> None:
         """Drive the open mission with two checkpoints of the training. Raises StudioError, UnknownEntry."""
         training = self.training
         if training is None:
