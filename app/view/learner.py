@@ -92,6 +92,11 @@ class LearnerGround:
         if len(self._points) > 1:
             self._trail.show(polyline(np.array(self._points)), palette.GHOST)
 
+    @property
+    def here(self) -> np.ndarray | None:
+        """(3,) where the robot is drawn now, in the scene; None while nobody learns."""
+        return None if not self._points else self._points[-1] + np.array([self.offset, 0.0, 0.0])
+
     def lay(self, colours: np.ndarray | None, pose: Pose, opacity: float) -> None:
         """Draw a patch's colours about a pose, or none."""
         surface = None
@@ -108,7 +113,7 @@ class LearnerGround:
         self._overlay.show(None)
         if self._beside:
             self._clear_ground()
-        self._beside, self.heightmap = False, None
+        self._beside, self.heightmap, self._points = False, None, []
 
     def _clear_ground(self) -> None:
         self._terrain.show(None)

@@ -64,6 +64,8 @@ class TrainingTab:
         )
         self._sight_folder = gui.add_folder("What it sees, and the truth", visible=False)
         with self._sight_folder:
+            look = gui.add_button("Look at the robot that learns", icon=viser.Icon.EYE)
+            desk.on_click(look, desk.viewer.look_at_learner)
             self._laid = gui.add_dropdown("Over the ground", tuple(LAID))
             desk.on_value(self._laid, self._lay)
             self._truth = gui.add_checkbox("As it truly is", show.laid.truth)

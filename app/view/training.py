@@ -108,6 +108,14 @@ class TrainingShow:
             case Change.OPENED:
                 self._forget_learner()
 
+    @property
+    def robot(self) -> np.ndarray:
+        """(3,) where the robot that learns is drawn. Raises StudioError where there is none."""
+        here = self._ground.here
+        if here is None:
+            raise StudioError("no robot learns at present", 409)
+        return here
+
     async def compare(self, before: str, after: str, driver: Driver) -> None:
         """Drive the open mission with two checkpoints of the training. Raises StudioError, UnknownEntry."""
         training = self.training

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 import viser
 
 from app.changes import Change, StudioError
 from app.view import tools
-from app.view.camera import Eye, top_view
+from app.view.camera import Eye, Viewpoint, top_view
 from app.view.gizmo import Gizmo
 from app.view.panel import Panel
 from app.view.picking import Pick
@@ -92,6 +93,11 @@ class Viewer:
 
     def look_as_at_first(self) -> None:
         self.eye.opening(self.view.opening_view())
+
+    def look_at_learner(self) -> None:
+        """Look at the robot of the training from behind and above, wherever its ground is."""
+        robot = self.view.training.robot
+        self.eye.opening(Viewpoint(robot + np.array([-9.0, -9.0, 9.0]), robot))
 
     def _robot_pose(self) -> Pose:
         if self.studio.frame is not None:

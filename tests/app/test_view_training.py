@@ -13,7 +13,7 @@ from PIL import Image
 from served import silent_studio
 from test_view_view import Guest
 
-from app.changes import Change
+from app.changes import Change, StudioError
 from app.training_plan import TrainingPlan, TrainingStatus
 from app.training_process import Drawn, Moved
 from app.training_service import Compared
@@ -141,7 +141,7 @@ def test_a_ghost_drives_on_the_open_map_with_what_it_sees(view, server):
     assert not ghost._ghost._frame.visible and ghost._overlay._shown is None, "nobody learns"
 
 
-def test_another_ground_stands_beside_the_open_map(view):
+def test_another_ground_stands_beside_the_open_map(view, server):
     other = meadow_scene()
     heights = np.array(other.terrain.heights)
     heights[0, 0] += 0.5
@@ -155,8 +155,13 @@ def test_another_ground_stands_beside_the_open_map(view):
     start_studio(view, go)
     ground = view.training._ground
     assert ground.offset == 20.0 + GAP and ground._terrain._shown is not None
+    viewer = Viewer(view, Guest(server))
+    viewer.look_at_learner()
+    assert viewer.client.camera.look_at[0] == -3.0 + ground.offset
     start_studio(view, lambda: told(view, Change.OPENED))
     assert ground._terrain._shown is None
+    with pytest.raises(StudioError, match="no robot learns"):
+        viewer.look_at_learner()
 
 
 def start_studio(view, go):
