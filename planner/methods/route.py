@@ -152,7 +152,8 @@ class FollowRoute:
         if self._planner is None:
             raise RuntimeError("the method must be briefed with the scenario before it decides")
         if failed:
-            self._planner.shun(*(0.5 * (here + self._waypoint(percept, ahead))), self.config.berth)
+            x, y = 0.5 * (here + self._waypoint(percept, ahead))
+            self._planner.shun(float(x), float(y), self.config.berth)
         route = self._choose(self._planner, percept)
         self._places, due = _evenly(route.points, self.config.spacing, route.times)
         self._due = None if due is None else percept.time_s + due

@@ -20,7 +20,8 @@ def grid_map(height=lambda x, y: 0.0 * x, blocked=lambda x, y: False, unknown=la
     elevation[unknown(x, y) & np.ones_like(x, bool)] = np.nan
     return GridMap(
         -HALF, -HALF, 0.2, elevation, np.zeros_like(elevation),
-        blocked(x, y) & np.ones_like(x, bool), np.full_like(elevation, np.inf), np.stack([np.full_like(elevation, np.inf), np.full_like(elevation, -np.inf)]),
+        blocked(x, y) & np.ones_like(x, bool), np.full_like(elevation, np.inf),
+        np.stack([np.full_like(elevation, np.inf), np.full_like(elevation, -np.inf)]),
     )  # fmt: skip
 
 

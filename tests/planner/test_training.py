@@ -13,9 +13,9 @@ import pytest
 
 from planner.checkpoint import load_policy, read_tensors
 from planner.ddpg import DdpgConfig
+from planner.learning_errors import TrainingError, TrainingRefusal
 from planner.training import Control, EpisodeDone, Stopped, Trainer, TrainingSettings
 from planner.training_collector import StepFrame
-from planner.learning_errors import TrainingError, TrainingRefusal
 
 TOY = "toy_drive:ToyDrive-v0"
 
