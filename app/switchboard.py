@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 import logging
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 
 from app.changes import REFUSALS, Change
@@ -14,7 +15,7 @@ log = logging.getLogger(__name__)
 Refuse = Callable[[str], None]
 
 
-class Switchboard:
+class Switchboard(ABC):
     """Lives on one event loop's thread; only `post` may be called from others."""
 
     def __init__(self) -> None:
@@ -22,9 +23,9 @@ class Switchboard:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._tasks: set[asyncio.Task] = set()
 
+    @abstractmethod
     def say(self, message: str) -> None:
         """Tell everybody what nobody in particular has asked for."""
-        raise NotImplementedError
 
     def subscribe(self, listener: Callable[[Change], None]) -> Callable[[], None]:
         """Call `listener` on the loop after every change; returns what ends that."""

@@ -170,6 +170,10 @@ class CovertPlanner:
         offset = self.costs.centre(rows, cols) - (x, y)
         self.treacherous[:, np.hypot(offset[..., 0], offset[..., 1]) <= radius] = 1.0
 
+    def shun_nothing(self) -> None:
+        """Forget the places that were shunned."""
+        self.__dict__.pop("treacherous", None)
+
     # --- routes ----------------------------------------------------------------------------------
 
     def route(

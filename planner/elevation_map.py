@@ -84,8 +84,16 @@ def elevation_patch(grid: GridMap, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     unknown = np.isnan(height)
     if unknown.all():
         return np.zeros((PATCH_CELLS, PATCH_CELLS), np.float32), unknown
+    return (without_gaps(height) - pose.z).astype(np.float32), unknown
+
+
+def without_gaps(heights: np.ndarray) -> np.ndarray:
+    """Heights (rows, cols) with the nearest known one where they are unknown (NaN); 0 where none is known."""
+    unknown = np.isnan(heights)
+    if unknown.all():
+        return np.zeros_like(heights)
     nearest = np.asarray(distance_transform_edt(unknown, return_distances=False, return_indices=True))
-    return (height[nearest[0], nearest[1]] - pose.z).astype(np.float32), unknown
+    return heights[nearest[0], nearest[1]]
 
 
 class ElevationMap:

@@ -30,9 +30,9 @@ from scenes.terrain import Heightmap
 
 STEP, SPEED = 0.2, 0.85
 KEPT = 9
-"""Every so manieth place leaves a sample."""
+"""One place in so many leaves a sample."""
 
-WEIGHTS = (0.0, 0.5, 0.9)
+ROUTE_WEIGHTS = (0.0, 0.5, 0.9)
 """Of exposure, for the routes that are driven; each scene has one of them."""
 
 
@@ -55,7 +55,7 @@ def samples(terrain: Family, seed: int, goal_distance: float = 12.0) -> list[Sam
     rng = np.random.default_rng(seed)
     perceiver = Perceiver(scenario, Perception.LIDAR, rng)
     taken = []
-    for index, (pose, time_s) in enumerate(_places(scenario, rays, float(rng.choice(WEIGHTS)))):
+    for index, (pose, time_s) in enumerate(_places(scenario, rays, float(rng.choice(ROUTE_WEIGHTS)))):
         rays.set_walkers(scenario.obstacles, scenario.observers, time_s)
         goal = (scenario.goal.x, scenario.goal.y)
         percept = perceiver.perceive(rays, pose, Twist(SPEED, 0.0), time_s, goal)

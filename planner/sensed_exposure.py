@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, label
+from scipy.ndimage import label
 
+from planner.elevation_map import without_gaps
 from planner.frames import GridMap, Percept
 from planner.hull_exposure import over_hull
 from planner.line_of_sight import View
@@ -36,7 +37,7 @@ def sensed_exposure(percept: Percept) -> np.ndarray:
     grid = percept.grid
     if not percept.observers:
         return np.zeros(grid.shape, np.float32)
-    ground = _filled(grid.elevation)
+    ground = without_gaps(grid.elevation.astype(float))
     low, high, opacity = occluders(percept)
     stops = np.where(np.isnan(grid.elevation), -np.inf, ground)
     rows, cols = (np.arange((size % STRIDE) // 2, size, STRIDE) for size in grid.shape)
@@ -121,11 +122,3 @@ def _view(
         math.radians(observer.fov_horizontal), math.radians(observer.fov_vertical), observer.range,
     )  # fmt: skip
 
-
-def _filled(elevation: np.ndarray) -> np.ndarray:
-    """The heights, unknown ones as the nearest known."""
-    unknown = np.isnan(elevation)
-    if unknown.all():
-        return np.zeros(elevation.shape)
-    nearest = np.asarray(distance_transform_edt(unknown, return_distances=False, return_indices=True))
-    return elevation[nearest[0], nearest[1]].astype(float)

@@ -23,7 +23,7 @@ class CoverNavConfig:
     """weights : metres of hidden way that a metre in full view is worth, of the routes that are tried
     longest : how many times as long as the shortest way the whole drive may be; a detour that is left of it
         is never less than `detour` times the shortest way from here
-    seconds_per_metre : what a drive takes, for what is left of the time
+    drawn : points, of 0..100, that full view has in the cost map that is drawn
     """
 
     weights: tuple[float, ...] = (2.0, 6.0, 15.0, 40.0)

@@ -102,6 +102,7 @@ class FollowRoute:
         self.config = config or FollowConfig()
         self._driver = Driver(self.config.driver)
         self._planner: CovertPlanner | None = None
+        self._recoveries = 0
         self.reset()
 
     def brief(self, scenario: Scenario, rays: RayScene) -> None:
@@ -111,6 +112,8 @@ class FollowRoute:
 
     def reset(self) -> None:
         self._driver.reset()
+        if self._planner is not None and self._recoveries:
+            self._planner.shun_nothing()
         self._places = np.zeros((0, 2))
         self._due: np.ndarray | None = None
         self._at = 0
