@@ -2,15 +2,12 @@
 
 import asyncio
 import base64
-import contextlib
 import io
 
 import numpy as np
 import pytest
-import viser
 from meadows import meadow_scene
 from PIL import Image
-from served import silent_studio
 from test_view_view import Guest
 
 from app.changes import Change, StudioError
@@ -19,7 +16,7 @@ from app.training_process import Drawn, Moved
 from app.training_service import Compared
 from app.training_sight import Seen, Sight, TrueGround, perceived
 from app.training_trial import Driver, Trial
-from app.view import StudioView, palette
+from app.view import palette
 from app.view.curves import loss_curve, return_curve, success_curve, thinned
 from app.view.learner import GAP
 from app.view.patches import data_url, height_span, patch_colours, patch_surface
@@ -27,28 +24,6 @@ from app.view.training_words import checkpoint_words, comparison, pictures, stat
 from app.view.viewer import Viewer
 from planner.observation import LAYERS
 from scenes.pose import Pose
-
-
-@pytest.fixture(scope="module")
-def server():
-    with contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-        yield server
-        server.stop()
-
-
-@pytest.fixture
-def studio(tmp_path):
-    return silent_studio(tmp_path, meadow_scene())
-
-
-@pytest.fixture
-def view(server, studio):
-    server.scene.reset()
-    server.gui.reset()
-    view = StudioView(studio, server)
-    yield view
-    view.close()
 
 
 def row(number, success=False, losses=True):

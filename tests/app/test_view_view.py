@@ -2,17 +2,14 @@
 
 import asyncio
 import contextlib
-import io
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import viser
 from meadows import meadow_scene
-from served import silent_studio
 
 from app.changes import Change, Kind, Selection, StudioError
-from app.view import StudioView
 from app.view.glb import Surface, glb
 from app.view.keys import TOOL_KEYS
 from app.view.layers import STYLES, Layer
@@ -37,28 +34,6 @@ from planner.frames import (
 from scenes.catalogue import CoverKind
 from scenes.pose import Pose, Twist
 from scenes.scenario import CoverSpec, ObstacleSpec
-
-
-@pytest.fixture(scope="module")
-def server():
-    with contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-        yield server
-        server.stop()
-
-
-@pytest.fixture
-def studio(tmp_path):
-    return silent_studio(tmp_path, meadow_scene())
-
-
-@pytest.fixture
-def view(server, studio):
-    server.scene.reset()
-    server.gui.reset()
-    view = StudioView(studio, server)
-    yield view
-    view.close()
 
 
 class Guest:

@@ -5,8 +5,22 @@ import urllib.request
 from dataclasses import dataclass
 from typing import Any
 
+from playwright.sync_api import FrameLocator, Page
+
 TOKEN = "browser-test"
 PATIENCE_MS = 120_000  # software rendering on a busy machine
+
+
+def open_tab(page: Page, name: str) -> FrameLocator:
+    """The 3D view with one of its tabs open, rid of its warning that it renders in software."""
+    frame = page.frame_locator("#viewer")
+    tab = frame.get_by_role("tab", name=name)
+    tab.wait_for()
+    close = frame.locator(".mantine-Notification-root button")
+    if close.count():
+        close.first.click()
+    tab.click()
+    return frame
 
 
 @dataclass(frozen=True)

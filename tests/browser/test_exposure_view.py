@@ -4,7 +4,7 @@ import io
 
 import numpy as np
 import pytest
-from asking import PATIENCE_MS
+from asking import PATIENCE_MS, open_tab
 from PIL import Image
 from playwright.sync_api import FrameLocator, Page, expect
 from test_page import arm, disarm, open_ground, wait_for
@@ -23,13 +23,7 @@ def scenario():
 @pytest.fixture(scope="module")
 def viewer(page: Page) -> FrameLocator:
     """The 3D view with the tab about exposure open."""
-    frame = page.frame_locator("#viewer")
-    frame.get_by_role("tab", name="Exposure").wait_for()
-    close = frame.locator(".mantine-Notification-root button")
-    if close.count():
-        close.first.click()  # the view's warning that it renders in software
-    frame.get_by_role("tab", name="Exposure").click()
-    return frame
+    return open_tab(page, "Exposure")
 
 
 def shares(page: Page) -> tuple[float, float]:

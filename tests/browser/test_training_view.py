@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from asking import PATIENCE_MS
+from asking import PATIENCE_MS, open_tab
 from playwright.sync_api import FrameLocator, Page, expect
 from test_page import wait_for
 
@@ -15,13 +15,7 @@ SECONDS_TO_ANSWER = 5.0  # of a page in software rendering; a page that is held 
 @pytest.fixture(scope="module")
 def viewer(page: Page) -> FrameLocator:
     """The 3D view with the tab about training open."""
-    frame = page.frame_locator("#viewer")
-    frame.get_by_role("tab", name="Train").wait_for()
-    close = frame.locator(".mantine-Notification-root button")
-    if close.count():
-        close.first.click()  # the view's warning that it renders in software
-    frame.get_by_role("tab", name="Train").click()
-    return frame
+    return open_tab(page, "Train")
 
 
 def test_a_training_is_begun_watched_and_stopped_from_the_panel(page, viewer, server):
