@@ -111,7 +111,10 @@ METHODS: Mapping[str, MethodEntry] = {
 DEFAULT_METHOD = "least_cost"
 
 
-LEARNED = {"covernav_paper": _covernav_paper}
+LEARNED: Mapping[str, Callable[[Path], Method]] = {
+    "covernav_paper": _covernav_paper,
+    "covernav": lambda weights: CoverNav(weights=weights),
+}
 """The methods that take other weights than their own."""
 
 
@@ -123,6 +126,6 @@ def make_method(name: str, seed: int = 0, weights: Path | None = None) -> Method
         raise ValueError(f"there is no method {name!r}; choose one of {', '.join(METHODS)}")
     if weights is not None:
         if name not in LEARNED:
-            raise ValueError(f"the method {name} takes no weights; {', '.join(LEARNED)} does")
+            raise ValueError(f"the method {name} takes no weights; {' and '.join(LEARNED)} do")
         return LEARNED[name](weights)
     return METHODS[name].make(seed)

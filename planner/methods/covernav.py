@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -34,12 +35,21 @@ class CoverNavConfig:
 
 
 class CoverNav(LeastCost):
-    """Of the routes for several weights of exposure it takes the least exposed that is not too long."""
+    """Of the routes for several weights of exposure it takes the least exposed that is not too long.
+
+    weights : of the network that corrects what its map tells of its exposure (`planner.exposure_network`);
+        without them the map's word counts. Raises PolicyError for a file that is none.
+    """
 
     name = "covernav"
 
-    def __init__(self, config: CoverNavConfig | None = None):
+    def __init__(self, config: CoverNavConfig | None = None, weights: Path | None = None):
         self.covert = config or CoverNavConfig()
+        self._network = None
+        if weights is not None:
+            from planner.exposure_network import load_network  # torch is for those who have learnt
+
+            self._network, self.policy = load_network(weights)
         super().__init__(self.covert.planner)
         self._scenario: Scenario | None = None
         self._rays: RayScene | None = None
@@ -102,7 +112,12 @@ class CoverNav(LeastCost):
         """(rows, cols) float32 visible fraction over the percept's grid."""
         if percept.perception is Perception.ORACLE and self._scenario is not None and self._rays is not None:
             return self._true_exposure(percept, self._scenario, self._rays)
-        return sensed_exposure(percept)
+        sensed = sensed_exposure(percept)
+        if self._network is None:
+            return sensed
+        from planner.exposure_network import corrected_exposure
+
+        return corrected_exposure(self._network, percept, sensed)
 
     def _true_exposure(self, percept: Percept, scenario: Scenario, rays: RayScene) -> np.ndarray:
         heightmap, grid = scenario.terrain.heightmap(), percept.grid

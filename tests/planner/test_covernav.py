@@ -5,10 +5,14 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
+import pytest
+import torch
 from maps import grid_map
 from test_sensed_exposure import EAST, HERE, known, standing
 
-from planner.methods import make_method
+from planner.exposure_network import ExposureNetwork, save_network
+from planner.learning_errors import PolicyError
+from planner.methods import Learned, make_method
 from planner.methods.covernav import CoverNav, CoverNavConfig
 
 
@@ -71,3 +75,24 @@ def test_it_stands_still_where_there_is_no_way() -> None:
     walled = standing(grid_map(), lambda x, y: (np.hypot(x, y) > 1.6) & (np.hypot(x, y) < 2.0))
     decision = CoverNav().decide(replace(known(walled, WATCHER), goal=(-6.0, 4.5), pose=HERE))
     assert decision.route is None and decision.note.startswith("no route")
+
+
+def test_with_weights_the_network_has_its_say_and_is_named(tmp_path) -> None:
+    torch.manual_seed(0)
+    network = ExposureNetwork((8, 8, 8))
+    torch.nn.init.constant_(network.last.bias, 50.0)  # it takes all ground to be in view
+    named = save_network(tmp_path / "always.safetensors", network)
+    method = make_method("covernav", weights=tmp_path / "always.safetensors")
+    assert isinstance(method, Learned) and method.policy == named
+    assert not isinstance(make_method("covernav"), Learned)
+    screen = standing(grid_map(), lambda x, y: (abs(y - 1.0) < 0.15) & (x < -1.0) & (x > -6.0))
+    route = method.decide(replace(known(screen, WATCHER), goal=(-7.0, 0.0))).route
+    assert route is not None and route[:, 1].max() < 0.5  # where nothing hides, no detour is worth it
+    later = replace(known(screen, WATCHER), goal=(-7.0, 0.0), time_s=1.0)
+    assert pickle.loads(pickle.dumps(method)).decide(later).command == method.decide(later).command
+
+
+def test_weights_that_are_none_are_refused(tmp_path) -> None:
+    (tmp_path / "w.safetensors").write_bytes(b"no weights")
+    with pytest.raises(PolicyError, match="not a safetensors file"):
+        make_method("covernav", weights=tmp_path / "w.safetensors")
