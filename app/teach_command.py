@@ -12,8 +12,8 @@ from typing import Any
 def add_arguments(train: argparse.ArgumentParser, whole: Callable[[int, int], Any]) -> None:
     """The options that only this learner has."""
     train.add_argument(
-        "--learner", choices=["paper", "exposure"], default="paper",
-        help="the paper's (left out), or the network in covernav that corrects who it thinks sees it",
+        "--learner", choices=["paper", "terp", "exposure"], default="paper",
+        help="the paper's (left out), TERP's, or the network in covernav that corrects who it thinks sees it",
     )  # fmt: skip
     train.add_argument("--scenes", type=whole(2, 100_000), default=400, help="to learn from, of exposure")
     train.add_argument("--held-out", type=whole(1, 10_000), default=60, help="scenes to validate on")

@@ -24,7 +24,9 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
         "--steps", type=whole(1, 10_000), help="of an episode at most; 100 where it is left out"
     )
     train.add_argument("--seed", type=seed)
-    train.add_argument("--reward", choices=["paper", "corrected"], help="corrected where it is left out")
+    train.add_argument(
+        "--reward", choices=["paper", "corrected", "terp"], help="the learner's own where it is left out"
+    )
     train.add_argument("--terrain", choices=TERRAINS, help="all, in turn, where it is left out")
     train.add_argument("--dynamics", choices=["kinematic", "physics"], help="kinematic where it is left out")
     train.add_argument("--critic-rate", choices=["1e-4", "1e-3"], help="the paper's or TERP's learning rate")
@@ -123,12 +125,20 @@ def _trainer(arguments: argparse.Namespace, make: Any) -> Any:
         curriculum=arguments.curriculum,
         options={"reward": arguments.reward or "corrected", "dynamics": arguments.dynamics or "kinematic"},
     )
+    if arguments.learner == "terp":
+        settings = _as_terp(settings, arguments.reward or "terp")
     if (arguments.terrain or "all") != "all":
         settings = replace(settings, resets=({"terrain": arguments.terrain},))
     if arguments.critic_rate is not None:
         settings = replace(settings, ddpg=replace(settings.ddpg, critic_rate=float(arguments.critic_rate)))
     name = f"training-{settings.options['reward']}-{settings.seed}"
     return make(arguments.out or Path(name), settings)
+
+
+def _as_terp(settings: Any, reward: str) -> Any:
+    """TERP's own reward and its learning rate of the critic; nobody watches, and cover is no matter to it."""
+    options = settings.options | {"reward": reward, "observers": 0, "exposure_layer": False}
+    return replace(settings, options=options, ddpg=replace(settings.ddpg, critic_rate=1e-3))
 
 
 def _words(recent: list[Any]) -> str:

@@ -17,7 +17,16 @@ from planner.elevation_map import MapConfig
 from planner.episode import Ground, Grounds, Task, check_reachable
 from planner.frames import GridMap, Percept, Perception, Status
 from planner.line_of_sight import View, VisibleFraction, views_at, visible_fraction
-from planner.observation import HIGH, LOW, STATE_HIGH, STATE_LOW, Observation, observe, on_patch
+from planner.observation import (
+    HIGH,
+    LOW,
+    STATE_HIGH,
+    STATE_LOW,
+    Observation,
+    observe,
+    on_patch,
+    slopes_ahead,
+)
 from planner.perception import Perceiver, Sensing
 from planner.reward import REWARDS, Moment, Reward
 from planner.sensed_exposure import sensed_exposure
@@ -194,7 +203,7 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self.exposed_s += DECISION_S * seen.united
         shelter = self._ground.cover.shelter(self._rays, views, seen, self._pose)
         self._elevations.appendleft(before.z)
-        terms = self.reward(self._moment(before, seen, shelter))
+        terms = self.reward(self._moment(before, seen, shelter, percept))
         truncated = not self.status.final and self.steps >= self.steps_allowed
         turned = float(wrap_angle(self._pose.yaw - before.yaw))
         observation = self._observe(percept, views, seen, turned)
@@ -234,7 +243,7 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         grid, exposure = self._exposure
         return on_patch(grid, exposure, percept.pose)
 
-    def _moment(self, before: Pose, seen: VisibleFraction, shelter: Shelter) -> Moment:
+    def _moment(self, before: Pose, seen: VisibleFraction, shelter: Shelter, percept: Percept) -> Moment:
         after, goal, cover = self._pose, self.scenario.goal, self._ground.cover
         bearing = math.atan2(goal.y - after.y, goal.x - after.x)
         return Moment(
@@ -252,6 +261,7 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             shelter=shelter.distance,
             hidden=shelter.hidden,
             exposure=seen.united,
+            slopes_ahead=tuple(slopes_ahead(percept).tolist()),
             seconds=DECISION_S,
             status=self.status,
         )

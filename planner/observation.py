@@ -124,10 +124,6 @@ def on_patch(grid: GridMap, values: np.ndarray, pose: Pose) -> np.ndarray:
 
 def _terp_state(percept: Percept, heading_change: float) -> np.ndarray:
     ahead, left = in_body_frame(percept.pose, np.array([percept.goal]))[0]
-    middle = PATCH_CELLS // 2
-    # The lane as wide as the robot; the first slope is from half a cell behind the middle to half before it.
-    lane = percept.elevation_patch[middle - 1 : middle + 1, middle - 1 :].mean(axis=0)
-    gradients = np.diff(lane.astype(float)) / PATCH_RESOLUTION
     return np.array(
         [
             percept.goal_distance / GOAL_SCALE,
@@ -135,9 +131,17 @@ def _terp_state(percept: Percept, heading_change: float) -> np.ndarray:
             abs(percept.pose.pitch) / HUSKY.max_tilt,
             abs(percept.pose.roll) / HUSKY.max_tilt,
             heading_change / TURN_SCALE,
-            *(gradients / GRADIENT_SCALE),
+            *(slopes_ahead(percept) / GRADIENT_SCALE),
         ]
     )
+
+
+def slopes_ahead(percept: Percept) -> np.ndarray:
+    """(20,) rise over run of the ground ahead, for each half metre up to 10 m."""
+    middle = PATCH_CELLS // 2
+    # The lane as wide as the robot; the first slope is from half a cell behind the middle to half before it.
+    lane = percept.elevation_patch[middle - 1 : middle + 1, middle - 1 :].mean(axis=0)
+    return np.diff(lane.astype(float)) / PATCH_RESOLUTION
 
 
 def _obstacle_nearness(percept: Percept) -> np.ndarray:

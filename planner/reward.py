@@ -124,6 +124,7 @@ class Moment:
         robot; inf where none does
     hidden : share of the robot that stays unseen of those who have it in their field of view
     exposure : visible fraction of the robot, all observers together
+    slopes_ahead : rise over run of the ground ahead for each half metre, the nearest first
     """
 
     previous_goal_distance: float
@@ -140,6 +141,7 @@ class Moment:
     shelter: float = math.inf
     hidden: float = 0.0
     exposure: float = 0.0
+    slopes_ahead: tuple[float, ...] = ()
     seconds: float = 0.25
     status: Status = Status.RUNNING
 
@@ -241,5 +243,40 @@ class CorrectedReward:
         return max(self.far - distance, 0.0) / (self.far - self.stand_off)
 
 
-REWARDS: dict[str, Reward] = {"paper": PaperReward(), "corrected": CorrectedReward()}
+@dataclass(frozen=True)
+class TerpReward:
+    """TERP's (Weerakoon et al. 2022, the weights of its published code): toward the goal, facing it, upright,
+    over level ground ahead; nothing for cover. In metres: all is divided by what the code pays for a metre
+    nearer, so that values stay small; neither that nor the code's common division by 5 changes what is best.
+
+    stability : of cos² roll + cos² pitch; heading : a degree off the goal
+    elevation : of the slopes ahead, less the farther, for a centimetre of rise a cell of half a metre; the
+        code's unit is that of a grid whose scale is not published
+    end : paid for arriving and charged for failing, instead of all else. As published, failing costs no more
+        than four tenths of a metre of way
+    """
+
+    stability: float = 45.0 / 6000.0
+    heading: float = 0.4 / 6000.0
+    elevation: float = 2.2 / 6000.0
+    end: float = 500.0 / 1200.0
+
+    def __call__(self, moment: Moment) -> dict[str, float]:
+        """goal, stab, heading, elev, end and total."""
+        terms = dict.fromkeys(("goal", "stab", "heading", "elev", "end"), 0.0)
+        if moment.status is Status.REACHED:
+            terms["end"] = self.end
+        elif moment.status.final:
+            terms["end"] = -self.end
+        else:
+            rises = 100.0 * 0.5 * np.abs(np.asarray(moment.slopes_ahead, float))
+            nearness = 1.0 - np.arange(len(rises)) / max(len(rises), 1)
+            terms["goal"] = moment.previous_goal_distance - moment.goal_distance
+            terms["stab"] = self.stability * (math.cos(moment.roll) ** 2 + math.cos(moment.pitch) ** 2)
+            terms["heading"] = -self.heading * math.degrees(abs(float(wrap_angle(moment.heading_error))))
+            terms["elev"] = -self.elevation * float(nearness @ rises)
+        return terms | {"total": sum(terms.values())}
+
+
+REWARDS: dict[str, Reward] = {"paper": PaperReward(), "corrected": CorrectedReward(), "terp": TerpReward()}
 """By the names of `covernav train --reward`."""
