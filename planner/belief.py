@@ -14,6 +14,7 @@ import numpy as np
 
 from planner.exposure import exposure_field
 from planner.line_of_sight import View
+from planner.posting import points_about
 from planner.spotting import SPOTTING_RANGE, in_sight
 from scenes.placement import room_to_watch
 from scenes.pose import Pose
@@ -111,7 +112,7 @@ class Belief:
 
     def _vantage(self, route: tuple[tuple[float, float], tuple[float, float]]) -> np.ndarray:
         """(n,) weights by the share that each place sees of the ground about the way."""
-        points = _about(route, self.config.spacing, self.config.width)
+        points = points_about(route, self.config.spacing, self.config.width)
         inside = np.array([self._heightmap.contains(x, y) for x, y in points.tolist()])
         x, y = points[inside].T
         ground = np.column_stack([x, y, self._heightmap.height_at(x, y) + HUSKY.height])
@@ -123,16 +124,3 @@ class Belief:
         weights = share**self.config.choice
         total = weights.sum()
         return weights / total if total > 0.0 else weights
-
-
-def _about(
-    route: tuple[tuple[float, float], tuple[float, float]], spacing: float, width: float
-) -> np.ndarray:
-    """(n, 2) points of a lattice along the straight line and up to `width` to either side of it."""
-    start, goal = (np.array(end, float) for end in route)
-    length = max(float(np.hypot(*(goal - start))), spacing)
-    ahead = (goal - start) / length
-    along = np.linspace(0.0, length, max(2, round(length / spacing) + 1))
-    aside = np.linspace(-width, width, max(2, round(2.0 * width / spacing) + 1))
-    u, v = (axis.ravel() for axis in np.meshgrid(along, aside))
-    return start + u[:, None] * ahead + v[:, None] * np.array([-ahead[1], ahead[0]])

@@ -1,4 +1,5 @@
-"""Posting watchers who matter: they see the shortest way, and another way is there that they hardly see.
+"""Posting watchers: by luck or where a watcher would stand, and such as matter, who see the shortest way
+while another way is there that they hardly see.
 
 Candidates are judged over a lattice of coarse cells about start and goal, where one ray a cell and candidate
 is cheap and a search takes less than a millisecond.
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -23,6 +25,27 @@ MOST_WATCHERS = 3
 CANDIDATES, GROUPS = 24, 40
 LATTICE = 0.75
 HIDDEN_METRE = 0.1  # cost of a metre that nobody sees, beside 1 for one in full view
+
+
+POOL = 8
+"""Places looked at for each candidate."""
+
+LANE = 5.0  # metres to either side of the straight way that a watcher wants to see
+SIGHT, CLIMB, BACKING = 3.0, 0.5, 0.5
+"""Of a place's odds: power of the share of the lane in view, and exponents for a standard deviation of height
+and for cover at its back."""
+
+BACKED = 3.0  # metres from cover that serves a watcher
+
+
+class Placement(StrEnum):
+    """uniform : anywhere that has room to stand
+    vantage : as a watcher would choose, by a view of the way between start and goal, height and cover of
+        its own
+    """
+
+    UNIFORM = "uniform"
+    VANTAGE = "vantage"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +66,7 @@ def watching_groups(
     goal: tuple[float, float],
     least_seen: float,
     most_left: float,
+    placement: Placement = Placement.UNIFORM,
 ) -> Iterator[tuple[Observer, ...]]:
     """Groups of one to three watchers, all of one size, in no order, who see at least `least_seen` of the
     shortest way, and at most `most_left` of that on another. A guess: the caller checks.
@@ -50,10 +74,7 @@ def watching_groups(
     planner : of the map without observers. Raises planner.covert_route.NoRoute.
     """
     shortest = planner.route(start, goal, 0.0).points
-    ground = planner.heightmap
-    half = ground.bounds[1] - 1.0
-    places = rng.uniform(-half, half, (8 * CANDIDATES, 2))
-    places = places[room_to_watch(ground, planner.cover, (start, goal), places)][:CANDIDATES]
+    places = posts(rng, planner, start, goal, CANDIDATES, placement)
     middle = 0.5 * (np.array(start) + goal)
     candidates = [watcher(rng, 1, place, middle) for place in places]
     lattice = _lattice(planner, start, goal)
@@ -69,6 +90,75 @@ def watching_groups(
             yield tuple(
                 candidates[member].model_copy(update={"id": number}) for number, member in enumerate(group, 1)
             )
+
+
+def posts(
+    rng: np.random.Generator,
+    planner: CovertPlanner,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    count: int,
+    placement: Placement,
+) -> np.ndarray:
+    """(n, 2) places for watchers of the way from start to goal, at most `count`, in the order drawn."""
+    ground = planner.heightmap
+    half = ground.bounds[1] - 1.0
+    places = rng.uniform(-half, half, (POOL * count, 2))
+    places = places[room_to_watch(ground, planner.cover, (start, goal), places)]
+    if placement is Placement.VANTAGE and len(places):
+        odds = _odds(planner, places, start, goal)
+        some = min(count, int(np.count_nonzero(odds)))
+        places = places[rng.choice(len(places), some, replace=False, p=odds)]
+    return places[:count]
+
+
+def post_watchers(
+    rng: np.random.Generator,
+    planner: CovertPlanner,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    count: int,
+    placement: Placement,
+) -> tuple[Observer, ...]:
+    """At most `count` watchers, who face the middle of the way more or less."""
+    middle = 0.5 * (np.array(start) + goal)
+    places = posts(rng, planner, start, goal, max(count, 1), placement)[:count]
+    return tuple(watcher(rng, number, place, middle) for number, place in enumerate(places, 1))
+
+
+def _odds(
+    planner: CovertPlanner, places: np.ndarray, start: tuple[float, float], goal: tuple[float, float]
+) -> np.ndarray:
+    """(n,) chances that a watcher takes each of the places (n, 2): most of all by the share of the lane that is in
+    view."""
+    ground = planner.heightmap
+    lane = points_about((start, goal), 2.0, LANE)
+    lane = lane[np.array([ground.contains(x, y) for x, y in lane.tolist()])]
+    watchers = [
+        Observer(id=number, x=x, y=y, yaw=0.0, fov_horizontal=360.0, range=60.0)
+        for number, (x, y) in enumerate(places.tolist(), 1)
+    ]
+    share = _light(planner, watchers, lane).mean(axis=1)
+    height = ground.height_at(*places.T)
+    above = np.clip((height - ground.heights.mean()) / (ground.heights.std() + 0.2), -2.0, 2.0)
+    room = np.minimum.reduce(
+        [thing.footprint.distance(places) for thing in planner.cover] or [np.full(len(places), np.inf)]
+    )
+    odds = share**SIGHT * np.exp(CLIMB * above + BACKING * (room < BACKED))
+    return odds / odds.sum() if odds.sum() > 0.0 else np.full(len(places), 1.0 / len(places))
+
+
+def points_about(
+    route: tuple[tuple[float, float], tuple[float, float]], spacing: float, width: float
+) -> np.ndarray:
+    """(n, 2) points of a lattice along the straight line and up to `width` to either side of it, metres."""
+    start, goal = (np.array(end, float) for end in route)
+    length = max(float(np.hypot(*(goal - start))), spacing)
+    ahead = (goal - start) / length
+    along = np.linspace(0.0, length, max(2, round(length / spacing) + 1))
+    aside = np.linspace(-width, width, max(2, round(2.0 * width / spacing) + 1))
+    u, v = (axis.ravel() for axis in np.meshgrid(along, aside))
+    return start + u[:, None] * ahead + v[:, None] * np.array([-ahead[1], ahead[0]])
 
 
 def _lattice(planner: CovertPlanner, start: tuple[float, float], goal: tuple[float, float]) -> _Lattice:

@@ -17,7 +17,7 @@ import numpy as np
 
 from planner.covert_route import LONGEST, CovertPlanner, CovertRoute
 from planner.no_route import NoRoute
-from planner.posting import watching_groups
+from planner.posting import Placement, post_watchers, watching_groups
 from scenes.families import generate
 from scenes.rays import RayScene
 from scenes.scenario import Family, Scenario, ScenarioError
@@ -64,17 +64,26 @@ class SuiteMission:
 
 @lru_cache(maxsize=16)
 def suite_mission(
-    suite: Suite, terrain: Family, seed: int, knowledge: Knowledge, goal_distance: float
+    suite: Suite,
+    terrain: Family,
+    seed: int,
+    knowledge: Knowledge,
+    goal_distance: float,
+    placement: Placement = Placement.UNIFORM,
 ) -> SuiteMission:
-    """The mission of a seed; the same arguments give the same one.
+    """The mission of a seed; the same arguments give the same one. `uniform` leaves a random scene the
+    observers that it came with.
 
     Raises ScenarioError where the terrain gives none.
     """
     size = size_for(goal_distance)
     if suite is Suite.RANDOM:
-        found = _as_it_comes(generate(terrain, seed, size_m=size, goal_distance=goal_distance))
+        scenario = generate(terrain, seed, size_m=size, goal_distance=goal_distance)
+        if placement is Placement.VANTAGE:
+            scenario = _watched(scenario, seed)
+        found = _as_it_comes(scenario)
     else:
-        found = _covert(terrain, seed, size, goal_distance)
+        found = _covert(terrain, seed, size, goal_distance, placement)
     if knowledge is Knowledge.KNOWN:
         return found
     hidden = tuple(observer.model_copy(update={"known": False}) for observer in found.scenario.observers)
@@ -84,6 +93,15 @@ def suite_mission(
 def size_for(goal_distance: float) -> float:
     """Side of the square map in metres: room for the drive and a detour around it."""
     return max(48.0, 1.6 * goal_distance)
+
+
+def _watched(scenario: Scenario, seed: int) -> Scenario:
+    """With as many observers as it came with, where watchers would stand."""
+    planner = _planner(scenario.revised(observers=()))
+    start, goal, _ = _ends(scenario)
+    rng = np.random.default_rng([seed, 78])
+    posted = post_watchers(rng, planner, start, goal, len(scenario.observers), Placement.VANTAGE)
+    return scenario.revised(observers=posted)
 
 
 def _as_it_comes(scenario: Scenario) -> SuiteMission:
@@ -96,7 +114,9 @@ def _as_it_comes(scenario: Scenario) -> SuiteMission:
     return SuiteMission(scenario, _reference(shortest, bound))
 
 
-def _covert(terrain: Family, seed: int, size: float, goal_distance: float) -> SuiteMission:
+def _covert(
+    terrain: Family, seed: int, size: float, goal_distance: float, placement: Placement
+) -> SuiteMission:
     rng = np.random.default_rng([seed, list(Family).index(terrain), 77])
     for attempt in range(ATTEMPTS):
         land = seed if attempt == 0 else int(rng.integers(2**31))
@@ -104,7 +124,9 @@ def _covert(terrain: Family, seed: int, size: float, goal_distance: float) -> Su
         planner = _planner(scenario)
         start, goal, _ = _ends(scenario)
         try:
-            groups = watching_groups(rng, planner, start, goal, LEAST_SEEN + SURELY, MOST_LEFT - SURELY)
+            groups = watching_groups(
+                rng, planner, start, goal, LEAST_SEEN + SURELY, MOST_LEFT - SURELY, placement
+            )
             for observers in islice(groups, TRIES):
                 name = f"covert {terrain.value} {seed}"
                 found = _judge(scenario.revised(observers=observers, name=name), planner.rays)

@@ -110,6 +110,13 @@ METHODS: Mapping[str, MethodEntry] = {
 }
 DEFAULT_METHOD = "least_cost"
 
+COMPARED = ("dwa", "ga_nav", "terp", "least_cost", "covernav_paper", "covernav", "route")
+"""What is usually compared, of those that there are: the paper's methods, ours, and one that knows all."""
+
+VARIANTS: Mapping[str, MethodEntry] = {}
+"""Ablations, made and described as methods are, under names such as `covernav[no_exposure]`: known to
+`make_method` and the evaluation, but not offered for driving."""
+
 
 LEARNED: Mapping[str, Callable[[Path], Method]] = {
     "covernav_paper": _covernav_paper,
@@ -118,14 +125,23 @@ LEARNED: Mapping[str, Callable[[Path], Method]] = {
 """The methods that take other weights than their own."""
 
 
+POLICIES = Path(__file__).parents[1] / "policies"
+
+
 def make_method(name: str, seed: int = 0, weights: Path | None = None) -> Method:
-    """A fresh method by its name, with weights of a training instead of its own where given.
+    """A fresh method by its name, with weights of a training instead of its own where given. `NAME@WEIGHTS`
+    gives them in the name: shipped ones by their name, others by their file.
 
     Raises ValueError, naming those there are, for another name, and for weights that it does not take."""
-    if name not in METHODS:
-        raise ValueError(f"there is no method {name!r}; choose one of {', '.join(METHODS)}")
+    name, _, named = name.partition("@")
+    if named and weights is None:
+        shipped = POLICIES / f"{named}.safetensors"
+        weights = shipped if shipped.is_file() else Path(named)
+    entry = METHODS.get(name) or VARIANTS.get(name)
+    if entry is None:
+        raise ValueError(f"there is no method {name!r}; choose one of {', '.join((*METHODS, *VARIANTS))}")
     if weights is not None:
         if name not in LEARNED:
             raise ValueError(f"the method {name} takes no weights; {' and '.join(LEARNED)} do")
         return LEARNED[name](weights)
-    return METHODS[name].make(seed)
+    return entry.make(seed)

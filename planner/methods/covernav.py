@@ -4,7 +4,7 @@ costs, driven by the dynamic window."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,8 @@ import numpy as np
 from planner.cost_map import CostMap
 from planner.frames import CostPatch, Decision, Percept, Perception
 from planner.hull_exposure import hull_exposure
-from planner.methods.least_cost import LeastCost, LeastCostConfig
-from planner.route import Route, least_cost_route
+from planner.methods.least_cost import ASTRAY, LeastCost, LeastCostConfig, Plan
+from planner.route import Route, least_cost_route, route_cost
 from planner.sensed_exposure import sensed_exposure
 from scenes.rays import RayScene
 from scenes.scenario import Observer, Scenario
@@ -24,12 +24,17 @@ class CoverNavConfig:
     """weights : metres of hidden way that a metre in full view is worth, of the routes that are tried
     longest : how many times as long as the shortest way the whole drive may be; a detour that is left of it
         is never less than `detour` times the shortest way from here
+    length_share : metres in full view that a metre of way counts as, between routes
+    loyalty : metres in full view, and share of those ahead, that another route must spare to replace the
+        present one: what the map tells changes as it grows, and a robot that follows every change dithers
     drawn : points, of 0..100, that full view has in the cost map that is drawn
     """
 
     weights: tuple[float, ...] = (2.0, 6.0, 15.0, 40.0)
     longest: float = 2.0
     detour: float = 1.2
+    length_share: float = 0.03
+    loyalty: tuple[float, float] = (0.5, 0.2)
     drawn: float = 50.0
     planner: LeastCostConfig = field(default_factory=lambda: LeastCostConfig(look_ahead=1.4))
 
@@ -67,6 +72,7 @@ class CoverNav(LeastCost):
     def _forget(self) -> None:
         self._begun_m: float | None = None
         self._driven, self._last = 0.0, None
+        self._terms: _Terms | None = None
 
     def decide(self, percept: Percept) -> Decision:
         here = (percept.pose.x, percept.pose.y)
@@ -89,24 +95,45 @@ class CoverNav(LeastCost):
         best = shortest = least_cost_route(cost, cost_map.resolution, start, goal)
         seen = self._exposure(percept)
         patch = _with_exposure(cost_map, self.covert.drawn * seen)
+        self._terms = None
         if not shortest.found or not seen.any():
             return shortest, cost, patch
-        length = _length(shortest, cost_map.resolution, goal)
+        length = _length(cost_map, shortest.cells, percept.goal)
         if self._begun_m is None:
             self._begun_m = length
         allowed = max(self.covert.longest * self._begun_m - self._driven, self.covert.detour * length)
+        self._terms = terms = _Terms(cost_map, cost, seen, allowed, percept.goal, self.covert.length_share)
         # Were only the exposure to grow dear, the way would hug obstacles that the dynamic window keeps off.
         bad = seen + np.minimum(cost_map.total, 100.0) / 100.0
-        best, best_cost, least = shortest, cost, _seen_along(shortest, seen)
+        best, best_cost, least = shortest, cost, terms.burden(shortest.cells)
         for weight in self.covert.weights:
             dearer = cost + weight * bad
             route = least_cost_route(dearer, cost_map.resolution, start, goal)
-            if not route.found or _length(route, cost_map.resolution, goal) > allowed:
+            if not route.found or _length(cost_map, route.cells, percept.goal) > allowed:
                 break
-            exposed = _seen_along(route, seen)
-            if exposed < least:
-                best, best_cost, least = route, dearer, exposed
+            burden = terms.burden(route.cells)
+            if burden < least:
+                best, best_cost, least = route, dearer, burden
         return best, best_cost, patch
+
+    def _keep_old(self, percept: Percept, plan: Plan, route: Route) -> Plan:
+        """Along the old route unless the new one spares enough."""
+        old, terms = self._plan, self._terms
+        if terms is None or old is None or not len(old.points) or not route.found:
+            return super()._keep_old(percept, plan, route)
+        rest = self._rest_of_route(percept, old)
+        cells = np.rint(plan.grid_points(rest)).astype(int)
+        if (cells < 0).any() or (cells >= plan.cost.shape).any():
+            return plan
+        off_route = math.dist(rest[0], (percept.pose.x, percept.pose.y))
+        behind = _to_go(plan.map, cells, percept.goal) - _to_go(plan.map, route.cells, percept.goal)
+        if off_route > ASTRAY or behind > ASTRAY or not terms.allow(cells):
+            return plan
+        least, share = self.covert.loyalty
+        burden = terms.burden(cells)
+        if burden - terms.burden(route.cells) > max(least, share * burden):
+            return plan
+        return replace(plan, points=rest, reason="")
 
     def _exposure(self, percept: Percept) -> np.ndarray:
         """(rows, cols) float32 visible fraction over the percept's grid."""
@@ -136,16 +163,37 @@ def _with_exposure(cost_map: CostMap, points: np.ndarray) -> CostPatch:
     return CostPatch(patch.x_min, patch.y_min, patch.resolution, np.minimum(patch.cost + points, 100.0))
 
 
-def _length(route: Route, resolution: float, goal: tuple[float, float]) -> float:
-    """Metres along the route, and straight on to a goal that lies off the map."""
-    steps = np.hypot(*np.diff(route.cells, axis=0).T).sum() if len(route.cells) > 1 else 0.0
-    return resolution * float(steps + math.dist(route.cells[-1], goal))
+@dataclass(frozen=True, eq=False)
+class _Terms:
+    """What routes over a map are compared on.
+
+    cost, seen : (rows, cols) without exposure, inf where forbidden, and the visible fraction
+    allowed : metres that a route may be long; length_share : as in the configuration
+    """
+
+    map: CostMap
+    cost: np.ndarray
+    seen: np.ndarray
+    allowed: float
+    goal: tuple[float, float]
+    length_share: float
+
+    def allow(self, cells: np.ndarray) -> bool:
+        """Whether the way along cells (k, 2) is free and not too long."""
+        free = math.isfinite(route_cost(self.cost, self.map.resolution, cells))
+        return free and _length(self.map, cells, self.goal) <= self.allowed
+
+    def burden(self, cells: np.ndarray) -> float:
+        """Metres in view along cells (k, 2), and the share of their length that counts beside."""
+        in_view = route_cost(self.seen, self.map.resolution, cells)
+        return in_view + self.length_share * _length(self.map, cells, self.goal)
 
 
-def _seen_along(route: Route, seen: np.ndarray) -> float:
-    """Cells of the route times the visible fraction on them."""
-    cells = route.cells
-    if len(cells) < 2:
-        return 0.0
-    along = seen[cells[:, 0], cells[:, 1]]
-    return float(np.sum(np.hypot(*np.diff(cells, axis=0).T) * 0.5 * (along[1:] + along[:-1])))
+def _length(cost_map: CostMap, cells: np.ndarray, goal: tuple[float, float]) -> float:
+    """Metres along cells (k, 2), and straight on to a goal that lies off the map."""
+    steps = float(np.hypot(*np.diff(cells, axis=0).T).sum())
+    return cost_map.resolution * steps + _to_go(cost_map, cells, goal)
+
+
+def _to_go(cost_map: CostMap, cells: np.ndarray, goal: tuple[float, float]) -> float:
+    return math.dist(cost_map.centre(*cells[-1]), goal)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from planner.methods.dwa import GROUND_REACH
 from planner.route import Route, least_cost_route, line_cost, route_cost
 from scenes.pose import Twist
 from scenes.robot import HUSKY
+
+ASTRAY = 0.8
+"""Metres from its route at which the robot no longer follows it."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class LeastCostConfig:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class Plan:
     """A route as world points (k, 2) over a map whose cost per metre is `cost`."""
 
     time_s: float
@@ -64,7 +67,7 @@ class LeastCost:
     def __init__(self, config: LeastCostConfig | None = None):
         self.config = config or LeastCostConfig()
         self._driver = Driver(self.config.driver)
-        self._plan: _Plan | None = None
+        self._plan: Plan | None = None
         self._no_route_since: float | None = None
 
     def reset(self) -> None:
@@ -89,7 +92,7 @@ class LeastCost:
             note=driven.note, failure=Status.STUCK if driven.stuck else None,
         )  # fmt: skip
 
-    def _without_route(self, percept: Percept, plan: _Plan) -> Decision:
+    def _without_route(self, percept: Percept, plan: Plan) -> Decision:
         if self._no_route_since is None:
             self._no_route_since = percept.time_s
         waited = percept.time_s - self._no_route_since
@@ -102,7 +105,7 @@ class LeastCost:
 
     # --- routes ----------------------------------------------------------------------------------
 
-    def _make_plan(self, percept: Percept) -> _Plan:
+    def _make_plan(self, percept: Percept) -> Plan:
         cost_map = build(percept.grid, self.config.cost)
         cost = 1.0 + cost_map.total / self.config.points_per_metre
         here = np.array([percept.pose.x, percept.pose.y])
@@ -119,7 +122,7 @@ class LeastCost:
             (percept.goal[0] - cost_map.x_min) / cost_map.resolution,
         )
         route, cost, patch = self._find_route(percept, cost_map, cost, start, goal)
-        plan = _Plan(
+        plan = Plan(
             percept.time_s, cost_map, cost, patch,
             cost_map.centre(*route.cells.T) if route.found else np.zeros((0, 2)), route.reason,
         )  # fmt: skip
@@ -137,7 +140,7 @@ class LeastCost:
         with the cost that it is the cheapest for, and what to draw."""
         return least_cost_route(cost, cost_map.resolution, start, goal), cost, cost_map.patch()
 
-    def _keep_old(self, percept: Percept, plan: _Plan, route: Route) -> _Plan:
+    def _keep_old(self, percept: Percept, plan: Plan, route: Route) -> Plan:
         """The new plan, along the old route where that is still about as good."""
         old = self._plan
         if old is None or not len(old.points) or not route.found:
@@ -149,16 +152,16 @@ class LeastCost:
         off_route = float(np.hypot(*(rest[0] - (percept.pose.x, percept.pose.y))))
         to_go = float(np.hypot(*(rest[-1] - percept.goal)))
         old_cost = off_route + route_cost(plan.cost, plan.map.resolution, cells) + to_go
-        if off_route > 0.8 or old_cost * (1.0 - self.config.loyalty) > route.cost:
+        if off_route > ASTRAY or old_cost * (1.0 - self.config.loyalty) > route.cost:
             return plan
-        return _Plan(plan.time_s, plan.map, plan.cost, plan.patch, rest, "")
+        return replace(plan, points=rest, reason="")
 
-    def _rest_of_route(self, percept: Percept, plan: _Plan) -> np.ndarray:
+    def _rest_of_route(self, percept: Percept, plan: Plan) -> np.ndarray:
         """(k, 2) the route's points from the one nearest to the robot on."""
         offsets = plan.points - (percept.pose.x, percept.pose.y)
         return plan.points[int(np.argmin(np.hypot(offsets[:, 0], offsets[:, 1]))) :]
 
-    def _waypoint(self, percept: Percept, plan: _Plan, rest: np.ndarray) -> tuple[float, float]:
+    def _waypoint(self, percept: Percept, plan: Plan, rest: np.ndarray) -> tuple[float, float]:
         """The farthest point of the route in reach to which the straight line is not much dearer."""
         here = np.array([percept.pose.x, percept.pose.y])
         resolution = plan.map.resolution

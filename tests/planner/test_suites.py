@@ -2,10 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from planner.covert_route import LONGEST, CovertPlanner
-from planner.posting import MOST_WATCHERS
+from planner.posting import MOST_WATCHERS, Placement, points_about, posts
 from planner.suites import LEAST_SEEN, MOST_LEFT, Knowledge, Suite, suite_mission
 from scenes.families import generate
 from scenes.scenario import Family
@@ -66,3 +67,35 @@ def test_unknown_observers_differ_in_nothing_else(covert):
     told = tuple(observer.model_copy(update={"known": True}) for observer in unknown.scenario.observers)
     assert unknown.scenario.revised(observers=told).to_json() == known.scenario.to_json()
     assert unknown.reference == known.reference
+
+
+@pytest.mark.parametrize("terrain", [Family.NORMAL, Family.FOREST])
+def test_watchers_at_vantages_see_more_of_the_way(terrain):
+    scenario = generate(terrain, 5, observers=0)
+    planner = CovertPlanner(scenario.terrain.heightmap(), scenario.cover, ())
+    ends = (scenario.start.x, scenario.start.y), (scenario.goal.x, scenario.goal.y)
+    lane = points_about(ends, 1.5, 3.0)
+    lane = np.column_stack([lane, scenario.terrain.heightmap().height_at(*lane.T) + 0.3])
+
+    def share_seen(placement: Placement) -> float:
+        places = np.vstack(
+            [posts(np.random.default_rng(seed), planner, *ends, 24, placement) for seed in range(6)]
+        )
+        eyes = np.column_stack([places, scenario.terrain.heightmap().height_at(*places.T) + 1.7])
+        return float(np.mean([planner.rays.visible(np.broadcast_to(eye, lane.shape), lane) for eye in eyes]))
+
+    assert share_seen(Placement.VANTAGE) > share_seen(Placement.UNIFORM)
+
+
+@pytest.mark.parametrize("suite", list(Suite))
+def test_a_placement_changes_where_watchers_stand_alone(suite):
+    def mission(placement: Placement, seed: int = 3):
+        return suite_mission(suite, Family.LOW, seed, Knowledge.KNOWN, GOAL_DISTANCE, placement).scenario
+
+    posted = mission(Placement.VANTAGE)
+    suite_mission.cache_clear()
+    assert posted.to_json() == mission(Placement.VANTAGE).to_json()
+    assert posted.observers != mission(Placement.UNIFORM).observers
+    if suite is Suite.RANDOM:
+        same = mission(Placement.UNIFORM)
+        assert posted.cover == same.cover and len(posted.observers) == len(same.observers)
