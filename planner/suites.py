@@ -2,7 +2,7 @@
 
 `random` takes generated scenes as they come. `covert` keeps those in which cover matters: the shortest
 route is seen at least a quarter of its time, and a route of at most twice its length has at most three
-fifths of its exposed seconds.
+fifths of its exposed seconds. `crossing` is random ground on which people and vehicles cross the way.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from planner.covert_route import LONGEST, CovertPlanner, CovertRoute
 from planner.no_route import NoRoute
 from planner.posting import Placement, post_watchers, watching_groups
+from scenes.crossings import crossing_scenario
 from scenes.families import generate
 from scenes.rays import RayScene
 from scenes.scenario import Family, Scenario, ScenarioError
@@ -34,6 +35,7 @@ SURELY = 0.1  # by how much the guess at a group of watchers must do better
 class Suite(StrEnum):
     RANDOM = "random"
     COVERT = "covert"
+    CROSSING = "crossing"
 
 
 class Knowledge(StrEnum):
