@@ -79,8 +79,9 @@ def suite_mission(
     Raises ScenarioError where the terrain gives none.
     """
     size = size_for(goal_distance)
-    if suite is Suite.RANDOM:
-        scenario = generate(terrain, seed, size_m=size, goal_distance=goal_distance)
+    if suite is not Suite.COVERT:
+        make = crossing_scenario if suite is Suite.CROSSING else generate
+        scenario = make(terrain, seed, size_m=size, goal_distance=goal_distance)
         if placement is Placement.VANTAGE:
             scenario = _watched(scenario, seed)
         found = _as_it_comes(scenario)
