@@ -12,13 +12,14 @@ from typing import Any
 def add_arguments(train: argparse.ArgumentParser, whole: Callable[[int, int], Any]) -> None:
     """The options that only this learner has."""
     train.add_argument(
-        "--learner", choices=["paper", "terp", "exposure"], default="paper",
-        help="the paper's (left out), TERP's, or the network in covernav that corrects who it thinks sees it",
+        "--learner", choices=["paper", "terp", "exposure", "ga_nav"], default="paper",
+        help="the paper's (left out), TERP's, the network in covernav that corrects who it thinks sees it, or"
+        " GA-Nav's, which tells ground by its looks",
     )  # fmt: skip
-    train.add_argument("--scenes", type=whole(2, 100_000), default=400, help="to learn from, of exposure")
-    train.add_argument("--held-out", type=whole(1, 10_000), default=60, help="scenes to validate on")
-    train.add_argument("--epochs", type=whole(1, 10_000), default=30, help="of exposure")
-    train.add_argument("--jobs", type=whole(1, 64), default=2, help="processes that collect, of exposure")
+    train.add_argument("--scenes", type=whole(2, 100_000), help="to learn from, of exposure and ga_nav")
+    train.add_argument("--held-out", type=whole(1, 10_000), help="scenes to validate on")
+    train.add_argument("--epochs", type=whole(1, 10_000), help="of exposure and ga_nav")
+    train.add_argument("--jobs", type=whole(1, 64), default=2, help="processes that collect")
 
 
 def teach(arguments: argparse.Namespace) -> None:
@@ -29,7 +30,7 @@ def teach(arguments: argparse.Namespace) -> None:
 
     folder = arguments.out or Path("training-exposure")
     seed = 5000 if arguments.seed is None else arguments.seed
-    lessons = Lessons(arguments.scenes, arguments.held_out, seed, arguments.epochs)
+    lessons = Lessons(arguments.scenes or 400, arguments.held_out or 60, seed, arguments.epochs or 30)
     seeds = [seed for group in lessons.seeds for seed in group]
     gathered = collect(folder, seeds, arguments.jobs)
     for _ in tqdm(gathered, total=len(seeds), disable=None, unit="scene", file=sys.stderr):
