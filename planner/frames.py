@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
+from typing import Any, ClassVar
 
 import numpy as np
 
 from scenes.catalogue import CoverKind
 from scenes.pose import Pose, Twist
 from scenes.scenario import Observer, ObstacleKind
+from scenes.sensors import CameraImage
 
 
 class Perception(StrEnum):
@@ -127,6 +129,14 @@ class TrackedObstacle:
     radius: float
 
 
+@dataclass(frozen=True, eq=False)
+class CameraView:
+    """The newest image of the robot's camera, and the robot's estimated `pose_world_base` when it took it."""
+
+    image: CameraImage
+    pose: Pose
+
+
 @dataclass(frozen=True)
 class Percept:
     """All that a planning method may know at one tick.
@@ -140,6 +150,8 @@ class Percept:
     obstacle_distances : (72,) nearest mapped obstacle by bearing in the body frame, metres, inf where none
     known_observers, observer_eyes : ids, and world x, y, z of their eyes in the same order
     observers : the known ones as documents; one that was spotted stands where it was last seen
+    view : the same object until the camera looks again; None before it has, and in the oracle's perception.
+        It stays in its process: a percept that was pickled has none
     """
 
     time_s: float
@@ -158,6 +170,10 @@ class Percept:
     known_observers: tuple[int, ...] = ()
     observer_eyes: tuple[tuple[float, float, float], ...] = ()
     observers: tuple[Observer, ...] = ()
+    view: CameraView | None = field(default=None, compare=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"view": None}
 
     @property
     def goal_distance(self) -> float:
@@ -211,12 +227,32 @@ class CostPatch:
     cost: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """What a method takes the ground about the robot, and the camera's newest image, for. Labels are uint8
+    places in `scenes.catalogue.TraversabilityGroup`, `UNKNOWN` where nothing has been seen.
+
+    ground : (rows, cols) labels over a world-aligned grid whose cell [0, 0] is centred at (x_min, y_min)
+    rgb : (h, w, 3) uint8 of the image, groups : (h, w) its labels; None for a method that was told the truth
+    """
+
+    UNKNOWN: ClassVar[int] = 255
+
+    x_min: float
+    y_min: float
+    resolution: float
+    ground: np.ndarray
+    rgb: np.ndarray | None = None
+    groups: np.ndarray | None = None
+
+
 @dataclass(frozen=True)
 class Decision:
     """What a method wants; `note` says in words what it is doing, `failure` ends the mission.
 
     belief : chance, in per cent, that an observer not yet seen sees a robot in each cell, for methods that
         heed one
+    segmentation : of methods that tell ground by its looks
     """
 
     command: Twist
@@ -228,6 +264,7 @@ class Decision:
     note: str = ""
     failure: Status | None = None
     belief: CostPatch | None = None
+    segmentation: Segmentation | None = None
 
 
 @dataclass(frozen=True)

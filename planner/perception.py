@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from planner.cover import CoverMemory
 from planner.detection import looked_through, sight
 from planner.elevation_map import ElevationMap, MapConfig, elevation_patch
-from planner.frames import CoverEstimate, Detection, GridMap, Percept, Perception, TrackedObstacle
+from planner.frames import CameraView, CoverEstimate, Detection, GridMap, Percept, Perception, TrackedObstacle
 from planner.ground_segmentation import Scan
 from planner.oracle import TrueMap, true_cover, true_obstacles
 from planner.spotting import Spotter
@@ -77,6 +78,7 @@ class Perceiver:
         self._tracker, self._memory = ObstacleTracker(), CoverMemory()
         self._spotter = Spotter()
         self._detections: tuple[Detection, ...] = ()
+        self._view: CameraView | None = None
         self._tick = 0
         self._heightmap = scenario.terrain.heightmap()
         self.edit(scenario)
@@ -98,7 +100,7 @@ class Perceiver:
             self.scan_points = np.zeros((0, 3), np.float32)
             moving = true_obstacles(self._scenario.obstacles, time_s)
             grid = self._truth.about(pose.x, pose.y)
-            return self._percept(time_s, pose, twist, goal, grid, moving, (), self._true_cover)
+            return self._percept(time_s, pose, twist, goal, grid, moving, (), self._true_cover, None)
         estimate, measured = self._odometry.measure(pose, twist, self._odometry_rng)
         self._map.move_to(estimate.x, estimate.y)
         self._map.stand_at(estimate)
@@ -108,7 +110,7 @@ class Perceiver:
         self._tick += 1
         return self._percept(
             time_s, estimate, measured, goal, self._map.grid(), moving,
-            self._detections, self._memory.estimates,
+            self._detections, self._memory.estimates, self._view,
         )
 
     def _scan(self, rays: RayScene, pose: Pose, estimate: Pose, time_s: float) -> tuple[TrackedObstacle, ...]:
@@ -127,6 +129,7 @@ class Perceiver:
 
     def _look(self, rays: RayScene, pose: Pose, estimate: Pose) -> None:
         image = self._camera.capture(rays, pose, self._camera_rng)
+        self._view = CameraView(image, estimate)
         sightings = sight(image, rays.bodies, estimate, self._tick, self._detection_rng)
         seen = {sighting.detection.object_id for sighting in sightings}
         unseen = [
@@ -148,6 +151,7 @@ class Perceiver:
         moving: tuple[TrackedObstacle, ...],
         detections: tuple[Detection, ...],
         cover: tuple[CoverEstimate, ...],
+        view: CameraView | None,
     ) -> Percept:
         patch, unknown = elevation_patch(grid, pose)
         points = obstacle_points(grid)
@@ -156,8 +160,11 @@ class Perceiver:
             time_s, self.perception, pose, twist, goal, grid, patch, unknown,
             nearest_points(points, pose), obstacle_distances(points, pose),
             moving, detections, cover, tuple(observer.id for observer in known),
-            tuple(self._eye(observer, time_s) for observer in known), known,
+            tuple(self._eye(observer, time_s) for observer in known), known, view,
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_view": None}  # the next look is soon, and an image is large
 
     def _eye(self, observer: Observer, time_s: float) -> tuple[float, float, float]:
         x, y, _ = observer.pose_at(time_s)
