@@ -85,7 +85,7 @@ def add_obstacle(client: Any, thing: MovingObstacle) -> int:
     else:
         extents = (0.5 * length, 0.5 * width, 0.5 * height)
         shape = client.createCollisionShape(client.GEOM_BOX, halfExtents=extents)
-    return _add(client, shape, (0.0, 0.0, 0.0))
+    return _add(client, shape, (0.0, 0.0, 0.0), moves=True)
 
 
 def add_husky(client: Any) -> tuple[int, Sequence[int]]:
@@ -105,7 +105,14 @@ def add_husky(client: Any) -> tuple[int, Sequence[int]]:
 
 
 def _add(
-    client: Any, shape: int, position, orientation=(0.0, 0.0, 0.0, 1.0), *, friction=COVER_FRICTION, visual=-1
+    client: Any,
+    shape: int,
+    position,
+    orientation=(0.0, 0.0, 0.0, 1.0),
+    *,
+    friction=COVER_FRICTION,
+    visual=-1,
+    moves=False,
 ) -> int:
     # As a plain rigid body: as multibodies, thousands of trees would take four times as long.
     body = client.createMultiBody(
@@ -117,6 +124,9 @@ def _add(
         useMaximalCoordinates=True,
     )
     client.changeDynamics(body, -1, lateralFriction=friction)
+    if not moves:
+        # Bullet looks after a body that is awake at every step; one that sleeps still stops what meets it.
+        client.changeDynamics(body, -1, activationState=client.ACTIVATION_STATE_SLEEP)
     return body
 
 

@@ -113,6 +113,7 @@ class World:
         self._revision = 0  # of cover and obstacles
         self._drive = DriveState()
         self._touching: tuple[Contact, ...] = ()
+        self._pose: Pose | None = None  # once somebody has asked for it
         self._bullet.setGravity(0.0, 0.0, -9.81)
         self._bullet.setPhysicsEngineParameter(
             fixedTimeStep=STEP_S,
@@ -147,9 +148,11 @@ class World:
     @property
     def pose(self) -> Pose:
         """The true `pose_world_base`, base frame as in `scenes.robot`."""
-        centre, quaternion = self._centre_pose()
-        rotation = np.array(self._bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
-        return Pose.from_quaternion(np.asarray(centre) - rotation @ MASS_CENTRE, quaternion)
+        if self._pose is None:
+            centre, quaternion = self._centre_pose()
+            rotation = np.array(self._bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
+            self._pose = Pose.from_quaternion(np.asarray(centre) - rotation @ MASS_CENTRE, quaternion)
+        return self._pose
 
     @property
     def twist(self) -> Twist:
@@ -199,6 +202,7 @@ class World:
         command = clipped(command)
         steps = round(duration_s / STEP_S)
         near = self._within_reach(duration_s)
+        self._pose = None
         touched: dict[int, Contact] = {}
         for _ in range(steps):
             if self._steps % OBSTACLE_STEPS == 0:
@@ -280,6 +284,7 @@ class World:
             self._bullet.resetJointState(self._robot, wheel, 0.0, 0.0)
         self._drive = DriveState()
         self._touching = ()
+        self._pose = None
         for _ in range(SETTLING_STEPS):
             self._turn_wheels(Twist())
             self._bullet.stepSimulation()
@@ -396,6 +401,7 @@ class World:
         if state.revision != self._revision:
             raise ValueError("the cover or the obstacles have changed since this state was saved")
         self._bullet.restoreState(stateId=state.bullet_state)
+        self._pose = None
         self._steps, self._drive, self._touching = state.steps, state.drive, state.touching
 
 
