@@ -1,6 +1,7 @@
-"""The loops of the elevation map: fuse a scan, clear what it sees through, read the grid out.
+"""The loops of the elevation map: fuse a scan and read the grid out.
 
-`cells` is (rows, cols, len(EMPTY)) float64; a cell holds one number for each of the names below:
+`cells` is (len(EMPTY), rows, cols) float64, a plane for each of the names below; a cell holds one number of
+each:
 
 MEAN, SPREAD, WEIGHT      ground height: weighted mean, weighted sum of squared deviations, sum of weights
 LOWEST, HIGHEST           lowest and highest return from the ground
@@ -26,25 +27,31 @@ EMPTY = np.array([0.0, 0.0, 0.0, np.nan, np.nan, np.inf, -np.inf, 0.0, 0.0, 0.0,
 GATE = 0.3  # metres: ground this far from what a cell holds is not the same surface
 SIGMA_PER_METRE = 0.003  # what pointing adds to a height's standard deviation
 MAX_WEIGHT = 50.0 / 0.03**2  # old measurements count as fifty at most, so that a cell follows change
-MAX_GAIN, SEEN_THROUGH, MAX_EVIDENCE = 4.0, 2.0, 20.0  # one for a return, four for a scan at most
+MAX_GAIN, MAX_EVIDENCE = 4.0, 20.0  # one for a return, four for a scan at most
 BLOCKS = 2.0  # evidence from which on something blocks
 MAX_WET = 10.0
-PASSED_BELOW = 0.15  # metres: more than a steep slope does within half a cell
-GROUND_TURNS = 5
 NEIGHBOURHOOD = 5  # cells: how far the ground below a standing thing may be looked for
 FILL_SLOPE = 0.1  # what the ground may do inside a filled gap, as a standard deviation
 
 
+def empty_cells(rows: int, cols: int) -> np.ndarray:
+    """Cells that nothing is known of."""
+    cells = np.empty((len(EMPTY), rows, cols))
+    cells[:] = EMPTY[:, None, None]
+    return cells
+
+
 @numba.njit(cache=True)
 def fuse(
-    cells, points, labels, expected, wet, origin, x_min, y_min, resolution, range_sigma, clearance, turn
+    cells, points, labels, expected, distance, wet, x_min, y_min, resolution, range_sigma, clearance, turn
 ):
     """Add the labelled returns of one scan to `cells`, in place.
 
+    distance : (columns, beams) metres of each return from the sensor, over the ground
     wet : (columns, beams) bool, or (0, 0) where nothing tells water from dry ground; turn : counts scans
     """
     columns, beams, _ = points.shape
-    rows, cols, _ = cells.shape
+    _, rows, cols = cells.shape
     for c in range(columns):
         for i in range(beams):
             label = labels[c, i]
@@ -55,10 +62,10 @@ def fuse(
             col = int(np.rint((x - x_min) / resolution))
             if row < 0 or row >= rows or col < 0 or col >= cols:
                 continue
-            cell = cells[row, col]
+            cell = cells[:, row, col]
             below = cell[MEAN] if cell[WEIGHT] > 0.0 else expected[c, i]
             if label == GROUND and (cell[WEIGHT] == 0.0 or z - cell[MEAN] <= GATE):
-                sigma = range_sigma + SIGMA_PER_METRE * math.hypot(x - origin[0], y - origin[1])
+                sigma = range_sigma + SIGMA_PER_METRE * distance[c, i]
                 add_ground(cell, z, 1.0 / (sigma * sigma))
                 if wet.size > 0:
                     cell[WATER] += 1.0 if wet[c, i] else -1.0
@@ -90,6 +97,26 @@ def add_ground(cell, z, weight):
 
 
 @numba.njit(cache=True)
+def stand(cells, place, heading, up, half_size, x_min, y_min, resolution, weight):
+    """The robot's base rests on the ground at `place` (3,): the ground under its outline is known as well as
+    `weight` says, and nothing else is there.
+
+    heading : (2,) cosine and sine of its yaw; up : (3,) its up axis in the world; half_size : (2,) metres
+    """
+    _, rows, cols = cells.shape
+    reach = math.ceil(math.hypot(half_size[0], half_size[1]) / resolution)
+    middle_row = int(np.rint((place[1] - y_min) / resolution))
+    middle_col = int(np.rint((place[0] - x_min) / resolution))
+    for row in range(max(middle_row - reach, 0), min(middle_row + reach + 1, rows)):
+        for col in range(max(middle_col - reach, 0), min(middle_col + reach + 1, cols)):
+            dx, dy = x_min + col * resolution - place[0], y_min + row * resolution - place[1]
+            along, across = heading[0] * dx + heading[1] * dy, heading[0] * dy - heading[1] * dx
+            if abs(along) <= half_size[0] and abs(across) <= half_size[1]:
+                add_ground(cells[:, row, col], place[2] - (up[0] * dx + up[1] * dy) / up[2], weight)
+                cells[EVIDENCE, row, col] = 0.0
+
+
+@numba.njit(cache=True)
 def _add_standing(cell, z, below, turn):
     if cell[EVIDENCE] == 0.0:
         cell[FOOT], cell[TOP] = z, z
@@ -106,90 +133,17 @@ def _add_standing(cell, z, below, turn):
 
 
 @numba.njit(cache=True)
-def clear_seen_through(
-    cells, points, labels, elevations, origin, rotation, x_min, y_min, resolution, turn
-):
-    """Take from cells what the newest lidar turn looked through, in place.
-
-    A beam looks through a cell when it passes the cell's middle at a height where something was seen to
-    stand and returns from farther away, or from the ground right behind. A beam that does not return says
-    nothing, and one return from the cell that is not from the ground says that something is still there.
-    Ground is forgotten where a beam passed `PASSED_BELOW` under it; each turn asks that of every
-    `GROUND_TURNS`th row.
-    elevations : (beams,) radians; origin (3,) and rotation (3, 3) of the sensor in the world
-    """
-    rows, cols, _ = cells.shape
-    reach = np.hypot(points[:, :, 0] - origin[0], points[:, :, 1] - origin[1])
-    for row in range(rows):
-        asked = (row + int(turn)) % GROUND_TURNS == 0
-        for col in range(cols):
-            cell = cells[row, col]
-            judged = cell[EVIDENCE] > 0.0 and cell[TURN] != turn
-            if not judged and (cell[WEIGHT] == 0.0 or not asked):
-                continue
-            east = x_min + col * resolution - origin[0]
-            north = y_min + row * resolution - origin[1]
-            if math.hypot(east, north) < resolution:
-                continue
-            if judged:
-                low, high = cell[FOOT] - 0.05 - origin[2], cell[TOP] + 0.05 - origin[2]
-                seen, past = _look(reach, labels, elevations, rotation, east, north, low, high, resolution)
-                if seen:
-                    cell[TURN] = turn
-                elif past:
-                    cell[EVIDENCE] = max(cell[EVIDENCE] - SEEN_THROUGH, 0.0)
-            if asked and cell[WEIGHT] > 0.0:
-                high = cell[MEAN] - PASSED_BELOW - origin[2]
-                _, past = _look(reach, labels, elevations, rotation, east, north, -np.inf, high, resolution)
-                if past:
-                    cell[WEIGHT] = 0.0
-                    cell[LOWEST] = cell[HIGHEST] = np.nan
-
-
-@numba.njit(cache=True)
-def _look(reach, labels, elevations, rotation, east, north, low, high, resolution):
-    """What the beams show that pass the middle of the cell at (east, north) from the sensor, between `low`
-    and `high` over it: whether one returned from the cell, not from the ground, and whether one went past."""
-    distance = math.hypot(east, north)
-    step = 2.0 * math.pi / reach.shape[0]
-    azimuth, highest = _direction(east, north, high, rotation)
-    lowest = -np.inf if low == -np.inf else _direction(east, north, low, rotation)[1]
-    middle, aside = int(np.rint(azimuth / step)), int(0.25 * resolution / distance / step)
-    seen = past = False
-    for i in range(len(elevations)):
-        if elevations[i] < lowest or elevations[i] > highest:
-            continue
-        for c in range(middle - aside, middle + aside + 1):
-            column = c % reach.shape[0]
-            beyond = reach[column, i] - distance
-            if abs(beyond) <= resolution and labels[column, i] != GROUND:
-                seen = True
-            elif beyond > 0.0:
-                past = True
-    return seen, past
-
-
-@numba.njit(cache=True)
-def _direction(east, north, up, rotation):
-    """Azimuth and elevation in the sensor frame of an offset in the world."""
-    x = rotation[0, 0] * east + rotation[1, 0] * north + rotation[2, 0] * up
-    y = rotation[0, 1] * east + rotation[1, 1] * north + rotation[2, 1] * up
-    z = rotation[0, 2] * east + rotation[1, 2] * north + rotation[2, 2] * up
-    return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
-
-
-@numba.njit(cache=True)
 def measured_ground(cells):
     """(rows, cols) ground height and its variance: the spread of what was measured and the uncertainty of
     its mean; NaN where nothing was."""
-    rows, cols, _ = cells.shape
-    height, variance = np.full((rows, cols), np.nan), np.full((rows, cols), np.nan)
+    _, rows, cols = cells.shape
+    height, variance = np.empty((rows, cols)), np.empty((rows, cols))
     for row in range(rows):
         for col in range(cols):
-            weight = cells[row, col, WEIGHT]
-            if weight > 0.0:
-                height[row, col] = cells[row, col, MEAN]
-                variance[row, col] = (cells[row, col, SPREAD] + 1.0) / weight
+            weight = cells[WEIGHT, row, col]
+            known = weight > 0.0
+            height[row, col] = cells[MEAN, row, col] if known else np.nan
+            variance[row, col] = (cells[SPREAD, row, col] + 1.0) / weight if known else np.nan
     return height, variance
 
 
@@ -202,17 +156,23 @@ def fill_gaps(elevation, variance, resolution, max_gap):
     """
     rows, cols = elevation.shape
     filled, spread = elevation.copy(), variance.copy()
+    north = _to_known_northward(elevation, max_gap + 1)
+    south, east = np.full(cols, max_gap + 1), np.empty(cols, np.int64)
     for row in range(rows):
+        nearest = max_gap + 1
+        for col in range(cols - 1, -1, -1):
+            east[col] = nearest
+            nearest = 1 if not np.isnan(elevation[row, col]) else nearest + 1
+        west = max_gap + 1
         for col in range(cols):
             if not np.isnan(elevation[row, col]):
+                west = south[col] = 1
                 continue
             total = height = doubt = 0.0
-            for dr, dc in ((0, 1), (1, 0)):
-                ahead = _to_known(elevation, row, col, dr, dc, max_gap)
-                behind = _to_known(elevation, row, col, -dr, -dc, max_gap + 1 - ahead) if ahead else 0
-                if not behind:
-                    continue
+            for dr, dc, ahead, behind in ((0, 1, east[col], west), (1, 0, north[row, col], south[col])):
                 length = ahead + behind
+                if length > max_gap + 1:
+                    continue
                 share = ahead / length
                 r0, c0, r1, c1 = row + dr * ahead, col + dc * ahead, row - dr * behind, col - dc * behind
                 weight = 1.0 / length
@@ -222,20 +182,21 @@ def fill_gaps(elevation, variance, resolution, max_gap):
                 doubt += weight * (ends + (FILL_SLOPE * resolution * length) ** 2)
             if total > 0.0:
                 filled[row, col], spread[row, col] = height / total, doubt / total
+            west += 1
+            south[col] += 1
     return filled, spread
 
 
 @numba.njit(cache=True)
-def _to_known(elevation, row, col, dr, dc, reach):
-    """Steps to the nearest known cell in one direction; 0 where there is none within `reach`."""
+def _to_known_northward(elevation, most):
+    """(rows, cols) steps to the next known cell up the column; `most` or more where there is none nearer."""
     rows, cols = elevation.shape
-    for k in range(1, reach + 1):
-        r, c = row + dr * k, col + dc * k
-        if r < 0 or c < 0 or r >= rows or c >= cols:
-            return 0
-        if not np.isnan(elevation[r, c]):
-            return k
-    return 0
+    steps_up = np.full((rows, cols), most)
+    for row in range(rows - 2, -1, -1):
+        for col in range(cols):
+            known = not np.isnan(elevation[row + 1, col])
+            steps_up[row, col] = 1 if known else steps_up[row + 1, col] + 1
+    return steps_up
 
 
 @numba.njit(cache=True)
@@ -243,32 +204,32 @@ def standing_things(cells, elevation, clearance, step):
     """What stands and what hangs over the ground `elevation` (rows, cols; NaN unknown).
 
     Returns (rows, cols) bool, where something higher than `step` reaches lower than `clearance` or where
-    there is water, (rows, cols) float64 the clearance under what hangs there, inf where nothing does, and
-    (2, rows, cols) float64 the heights between which something was seen to hang, or to stand where it
+    there is water, (rows, cols) float32 the clearance under what hangs there, inf where nothing does, and
+    (2, rows, cols) float32 the heights between which something was seen to hang, or to stand where it
     reaches lower than `clearance`: inf and -inf where nothing was.
     """
     rows, cols = elevation.shape
-    blocked, span = np.zeros((rows, cols), np.bool_), np.empty((2, rows, cols))
+    blocked, span = np.zeros((rows, cols), np.bool_), np.empty((2, rows, cols), np.float32)
     span[0], span[1] = np.inf, -np.inf
-    overhang = np.full((rows, cols), np.inf)
+    overhang = np.full((rows, cols), np.float32(np.inf))
     for row in range(rows):
         for col in range(cols):
-            blocked[row, col] = cells[row, col, WATER] > 0.0
-            stands = cells[row, col, EVIDENCE] >= BLOCKS
-            hang = cells[row, col, HANG]
+            blocked[row, col] = cells[WATER, row, col] > 0.0
+            stands = cells[EVIDENCE, row, col] >= BLOCKS
+            hang = cells[HANG, row, col]
             if not stands and hang == np.inf:
                 continue
             ground = _nearest_ground(elevation, row, col) if stands else elevation[row, col]
             if np.isnan(ground):
-                ground = cells[row, col, BELOW] if stands else hang - clearance
-            if stands and cells[row, col, TOP] - ground > step:
-                if cells[row, col, FOOT] - ground >= clearance:
-                    hang = min(hang, cells[row, col, FOOT])
+                ground = cells[BELOW, row, col] if stands else hang - clearance
+            if stands and cells[TOP, row, col] - ground > step:
+                if cells[FOOT, row, col] - ground >= clearance:
+                    hang = min(hang, cells[FOOT, row, col])
                 else:
                     blocked[row, col] = True
             overhang[row, col] = max(hang - ground, 0.0)
-            span[0, row, col] = cells[row, col, FOOT] if stands else hang
-            span[1, row, col] = cells[row, col, PEAK]
+            span[0, row, col] = cells[FOOT, row, col] if stands else hang
+            span[1, row, col] = cells[PEAK, row, col]
     return blocked, overhang, span
 
 
@@ -297,16 +258,14 @@ def steps(elevation, step, slope_rise):
     drivable slope explains (`slope_rise` metres a cell), from a neighbour one or two cells away."""
     rows, cols = elevation.shape
     high = np.zeros((rows, cols), np.bool_)
-    for row in range(rows):
-        for col in range(cols):
-            for dr, dc in ((0, 1), (1, 0), (0, 2), (2, 0)):
-                r, c = row + dr, col + dc
-                if r >= rows or c >= cols:
-                    continue
-                rise = elevation[r, c] - elevation[row, col]
-                if abs(rise) > step + slope_rise * (dr + dc):
-                    if rise > 0.0:
-                        high[r, c] = True
-                    else:
-                        high[row, col] = True
+    for apart in (1, 2):
+        limit = step + slope_rise * apart
+        for row in range(rows):
+            for col in range(cols):
+                height = elevation[row, col]
+                higher = col >= apart and height - elevation[row, col - apart] > limit
+                higher |= col < cols - apart and height - elevation[row, col + apart] > limit
+                higher |= row >= apart and height - elevation[row - apart, col] > limit
+                higher |= row < rows - apart and height - elevation[row + apart, col] > limit
+                high[row, col] |= higher
     return high

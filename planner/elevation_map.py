@@ -7,13 +7,13 @@ about the robot, so that rolling the window moves numbers and changes none.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from planner import elevation_kernels as kernels
+from planner.elevation_clearing import clear_seen_through
 from planner.frames import GridMap
 from planner.ground_segmentation import Scan, segment
 from scenes.pose import Pose
@@ -110,7 +110,7 @@ class ElevationMap:
         self.config = config or MapConfig()
         self.x_min, self.y_min = window_origin(x, y, self.config)
         self.turn = 0
-        self._cells = np.tile(kernels.EMPTY, (self.config.cells, self.config.cells, 1))
+        self._cells = kernels.empty_cells(self.config.cells, self.config.cells)
 
     def move_to(self, x: float, y: float) -> None:
         """Roll the window by whole cells so that the robot at (x, y) is near its middle."""
@@ -120,11 +120,11 @@ class ElevationMap:
         if by_col == by_row == 0:
             return
         old, size = self._cells, self.config.cells
-        self._cells = np.tile(kernels.EMPTY, (size, size, 1))
+        self._cells = kernels.empty_cells(size, size)
         if abs(by_row) < size and abs(by_col) < size:
             to_row, from_row = _overlap(by_row, size)
             to_col, from_col = _overlap(by_col, size)
-            self._cells[to_row, to_col] = old[from_row, from_col]
+            self._cells[:, to_row, to_col] = old[:, from_row, from_col]
         self.x_min, self.y_min = x_min, y_min
 
     def stand_at(self, pose: Pose) -> None:
@@ -134,34 +134,28 @@ class ElevationMap:
         up = pose.rotation[:, 2]
         if up[2] < math.cos(2.0 * HUSKY.max_slope):
             return
-        weight = 1.0 / self.config.contact_sigma**2
-        for row, col in self._cells_near(pose.x, pose.y, HUSKY.circumscribed_radius):
-            dx = self.x_min + col * self.config.resolution - pose.x
-            dy = self.y_min + row * self.config.resolution - pose.y
-            along = math.cos(pose.yaw) * dx + math.sin(pose.yaw) * dy
-            across = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
-            if abs(along) > 0.5 * HUSKY.length or abs(across) > 0.5 * HUSKY.width:
-                continue
-            cell = self._cells[row, col]
-            kernels.add_ground(cell, pose.z - (up[0] * dx + up[1] * dy) / up[2], weight)
-            cell[kernels.EVIDENCE] = 0.0
+        kernels.stand(
+            self._cells, pose.position, np.array([math.cos(pose.yaw), math.sin(pose.yaw)]), up,
+            0.5 * np.array([HUSKY.length, HUSKY.width]), self.x_min, self.y_min, self.config.resolution,
+            1.0 / self.config.contact_sigma**2,
+        )  # fmt: skip
 
     def add_scan(self, scan: Scan, pose_world_base: Pose) -> None:
         """Fuse one scan, taken by a robot that stands at `pose_world_base`; a lidar's also clears."""
         self.turn += 1
-        labels, expected = segment(scan, pose_world_base)
-        origin = scan.pose_world_sensor.position
+        labels, expected, distance = segment(scan, pose_world_base)
         wet = np.zeros((0, 0), bool) if scan.wet is None else scan.wet
         place = (self.x_min, self.y_min, self.config.resolution)
         kernels.fuse(
-            self._cells, scan.points, labels, expected, wet, origin, *place,
+            self._cells, scan.points, labels, expected, distance, wet, *place,
             scan.range_sigma, self.config.clearance, float(self.turn),
-        )
+        )  # fmt: skip
         if scan.elevations is not None:
-            kernels.clear_seen_through(
-                self._cells, scan.points, labels, scan.elevations, origin, scan.pose_world_sensor.rotation,
+            sensor = scan.pose_world_sensor
+            clear_seen_through(
+                self._cells, distance, labels, scan.elevations, sensor.position, sensor.rotation,
                 *place, float(self.turn),
-            )
+            )  # fmt: skip
 
     def grid(self) -> GridMap:
         """The map as planners read it: small gaps filled, obstacles judged over the ground as now known."""
@@ -177,8 +171,8 @@ class ElevationMap:
             elevation.astype(np.float32),
             variance.astype(np.float32),
             blocked | step_cells(mean, self.config),
-            overhang.astype(np.float32),
-            span.astype(np.float32),
+            overhang,
+            span,
         )
 
     def patch(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
@@ -188,17 +182,7 @@ class ElevationMap:
     @property
     def extremes(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest return from the ground of each cell, (rows, cols) metres, NaN where none was."""
-        return self._cells[:, :, kernels.LOWEST].copy(), self._cells[:, :, kernels.HIGHEST].copy()
-
-    def _cells_near(self, x: float, y: float, radius: float) -> Iterator[tuple[int, int]]:
-        reach = math.ceil(radius / self.config.resolution)
-        row = round((y - self.y_min) / self.config.resolution)
-        col = round((x - self.x_min) / self.config.resolution)
-        size = range(self.config.cells)
-        for r in range(row - reach, row + reach + 1):
-            for c in range(col - reach, col + reach + 1):
-                if r in size and c in size:
-                    yield r, c
+        return self._cells[kernels.LOWEST].copy(), self._cells[kernels.HIGHEST].copy()
 
 
 def _overlap(shift: int, size: int) -> tuple[slice, slice]:

@@ -49,11 +49,12 @@ class Scan:
     wet: np.ndarray | None = None
 
 
-def segment(scan: Scan, pose_world_base: Pose) -> tuple[np.ndarray, np.ndarray]:
+def segment(scan: Scan, pose_world_base: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Label every return of `scan`, taken by a robot that stands at `pose_world_base`.
 
-    Returns (columns, beams) uint8 labels of NOTHING, GROUND, STANDING and UNCLEAR, and (columns, beams)
-    float64 the height of the ground expected below each return, from the ground before it in its column.
+    Returns (columns, beams) uint8 labels of NOTHING, GROUND, STANDING and UNCLEAR, and two (columns, beams)
+    float64: the height of the ground expected below each return, from the ground before it in its column,
+    and its distance from the sensor over the ground; NaN where nothing came back.
     """
     up = pose_world_base.rotation[:, 2]
     gradient = -up[:2] / up[2] if up[2] > 0.5 else np.zeros(2)
@@ -67,10 +68,10 @@ def segment_kernel(points, origin, base, gradient):
     columns, beams, _ = points.shape
     labels = np.zeros((columns, beams), np.uint8)
     expected = np.full((columns, beams), np.nan)
-    distance = np.empty(beams)
+    distances = np.empty((columns, beams))
     ground_d, ground_z = np.empty(beams + 2), np.empty(beams + 2)
     for c in range(columns):
-        height = points[c, :, 2]
+        height, distance = points[c, :, 2], distances[c]
         first = -1
         for i in range(beams):
             distance[i] = math.hypot(points[c, i, 0] - origin[0], points[c, i, 1] - origin[1])
@@ -89,7 +90,7 @@ def segment_kernel(points, origin, base, gradient):
         _segment_column(
             distance, height, origin[2] - ground_z[0], ground_d, ground_z, labels[c], expected[c]
         )
-    return labels, expected
+    return labels, expected, distances
 
 
 @numba.njit(cache=True)

@@ -7,20 +7,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from planner import elevation_clearing as ec
 from planner import elevation_kernels as ek
 from planner.ground_segmentation import GROUND, STANDING, UNCLEAR
+from scenes.pose import Pose, wrap_angle
 
 seeds = st.integers(0, 10_000)
 
 
 def empty(rows=6, cols=7):
-    return np.tile(ek.EMPTY, (rows, cols, 1))
+    return ek.empty_cells(rows, cols)
 
 
 def fuse(cells, points, labels, turn=1.0, clearance=0.6):
     expected = np.zeros(labels.shape)
     dry = np.zeros((0, 0), bool)
-    ek.fuse(cells, points, labels, expected, dry, np.zeros(3), 0.0, 0.0, 0.5, 0.02, clearance, turn)
+    distance = np.hypot(points[:, :, 0], points[:, :, 1])
+    ek.fuse(cells, points, labels, expected, distance, dry, 0.0, 0.0, 0.5, 0.02, clearance, turn)
 
 
 @given(seeds)
@@ -40,7 +43,7 @@ def test_ground_is_the_weighted_mean_and_spread_of_its_returns(seed):
                 & (np.rint(points[:, :, 1] / 0.5) == row)
                 & (np.rint(points[:, :, 0] / 0.5) == col)
             )
-            cell, z = cells[row, col], points[own][:, 2]
+            cell, z = cells[:, row, col], points[own][:, 2]
             if not own.any():
                 assert cell[ek.WEIGHT] == 0.0
                 continue
@@ -76,7 +79,7 @@ def test_returns_far_above_known_ground_stand_on_it():
         np.array([[[1.0, 1.0, 0.0], [1.0, 1.0, 0.5], [1.0, 1.0, 2.0]]]),
         np.full((1, 3), GROUND, np.uint8),
     )
-    cell = cells[2, 2]
+    cell = cells[:, 2, 2]
     assert cell[ek.MEAN] == 0.0
     assert (cell[ek.FOOT], cell[ek.TOP], cell[ek.EVIDENCE]) == (0.5, 0.5, 1.0)
     assert (cell[ek.HANG], cell[ek.PEAK]) == (2.0, 2.0)
@@ -86,10 +89,10 @@ def test_one_scan_adds_so_much_evidence_and_no_more():
     cells = empty()
     points, labels = np.tile([1.0, 1.0, 0.4], (1, 9, 1)), np.full((1, 9), STANDING, np.uint8)
     fuse(cells, points, labels, turn=1.0)
-    assert cells[2, 2, ek.EVIDENCE] == ek.MAX_GAIN
+    assert cells[ek.EVIDENCE, 2, 2] == ek.MAX_GAIN
     for turn in range(2, 9):
         fuse(cells, points, labels, turn=float(turn))
-    assert cells[2, 2, ek.EVIDENCE] == ek.MAX_EVIDENCE
+    assert cells[ek.EVIDENCE, 2, 2] == ek.MAX_EVIDENCE
 
 
 def plain_look(points, labels, elevations, origin, offset, low, high, resolution):
@@ -107,11 +110,11 @@ def plain_look(points, labels, elevations, origin, offset, low, high, resolution
 
 def plain_clear(cells, points, labels, elevations, origin, x_min, y_min, resolution, turn):
     cells = cells.copy()
-    for row, col in np.ndindex(cells.shape[:2]):
-        cell = cells[row, col]
+    for row, col in np.ndindex(cells.shape[1:]):
+        cell = cells[:, row, col]
         offset = np.array([x_min + col * resolution - origin[0], y_min + row * resolution - origin[1]])
         judged = cell[ek.EVIDENCE] > 0 and cell[ek.TURN] != turn
-        asked = (row + turn) % ek.GROUND_TURNS == 0
+        asked = (row + turn) % ec.GROUND_TURNS == 0
         if np.hypot(*offset) < resolution or not (judged or (asked and cell[ek.WEIGHT] > 0)):
             continue
         look = (points, labels, elevations, origin, offset)
@@ -121,8 +124,8 @@ def plain_clear(cells, points, labels, elevations, origin, x_min, y_min, resolut
             if seen:
                 cell[ek.TURN] = turn
             elif past:
-                cell[ek.EVIDENCE] = max(cell[ek.EVIDENCE] - ek.SEEN_THROUGH, 0)
-        if asked and plain_look(*look, -np.inf, cell[ek.MEAN] - ek.PASSED_BELOW - origin[2], resolution)[1]:
+                cell[ek.EVIDENCE] = max(cell[ek.EVIDENCE] - ec.SEEN_THROUGH, 0)
+        if asked and plain_look(*look, -np.inf, cell[ek.MEAN] - ec.PASSED_BELOW - origin[2], resolution)[1]:
             cell[ek.WEIGHT], cell[[ek.LOWEST, ek.HIGHEST]] = 0.0, np.nan
     return cells
 
@@ -140,25 +143,51 @@ def test_clearing_follows_its_plain_twin(seed):
     )
     labels = rng.choice(np.array([GROUND, STANDING, UNCLEAR], np.uint8), (60, 8))
     cells = empty()
-    cells[:, :, ek.EVIDENCE] = rng.integers(0, 6, (6, 7))
-    cells[:, :, ek.WEIGHT] = rng.integers(0, 2, (6, 7))
-    cells[:, :, ek.MEAN] = rng.uniform(-0.5, 1.0, (6, 7)) * cells[:, :, ek.WEIGHT]
-    cells[:, :, ek.FOOT] = rng.uniform(-0.2, 0.3, (6, 7))
-    cells[:, :, ek.TOP] = cells[:, :, ek.FOOT] + rng.uniform(0.0, 0.6, (6, 7))
+    cells[ek.EVIDENCE] = rng.integers(0, 6, (6, 7))
+    cells[ek.WEIGHT] = rng.integers(0, 2, (6, 7))
+    cells[ek.MEAN] = rng.uniform(-0.5, 1.0, (6, 7)) * cells[ek.WEIGHT]
+    cells[ek.FOOT] = rng.uniform(-0.2, 0.3, (6, 7))
+    cells[ek.TOP] = cells[ek.FOOT] + rng.uniform(0.0, 0.6, (6, 7))
     plain = plain_clear(cells, points, labels, elevations, origin, 0.0, 0.0, 0.5, 3.0)
-    ek.clear_seen_through(cells, points, labels, elevations, origin, np.eye(3), 0.0, 0.0, 0.5, 3.0)
+    distance = np.hypot(points[:, :, 0] - origin[0], points[:, :, 1] - origin[1])
+    ec.clear_seen_through(cells, distance, labels, elevations, origin, np.eye(3), 0.0, 0.0, 0.5, 3.0)
     np.testing.assert_array_equal(cells, plain)
+
+
+@given(seeds)
+def test_what_no_beam_can_have_met_is_told_without_the_true_angles(seed):
+    """A rough no is a true no, however the sensor is turned; and most answers are no."""
+    rng = np.random.default_rng(seed)
+    elevations, columns = np.radians(np.linspace(-15.0, 15.0, 16)), 120
+    reach = rng.uniform(1.0, 12.0, (columns, 1)) + rng.uniform(0.0, 1.0, (columns, 16))
+    reach[rng.random(reach.shape) < 0.2] = np.nan
+    labels = rng.choice(np.array([GROUND, STANDING], np.uint8), reach.shape)
+    rotation = Pose(0.0, 0.0, 0.0, *rng.uniform(-0.3, 0.3, 2), rng.uniform(-math.pi, math.pi)).rotation
+    farthest, tangents = ec._farthest(reach), np.tan(elevations - ec._SLACK)
+    spared = 0
+    for east, north, high in rng.uniform((-12, -12, -2), (12, 12, 1), (60, 3)):
+        for low, slack in ((high - 0.5, 0.2), (-np.inf, 0.0)):
+            near = ec._may_meet(farthest, tangents, rotation, east, north, high, 0.2, slack)
+            seen, past = ec._look(reach, labels, elevations, rotation, east, north, low, high, 0.2)
+            assert near or not (past or (seen and slack > 0.0))
+            spared += not near
+    assert spared > 20
+
+
+@given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
+def test_the_rough_azimuth_is_nearly_the_true_one(x, y):
+    assert abs(wrap_angle(ec._rough_azimuth(x, y) - math.atan2(y, x))) < 2e-5
 
 
 @given(seeds)
 def test_measured_ground_follows_its_plain_twin(seed):
     rng = np.random.default_rng(seed)
     cells = empty()
-    cells[:, :, [ek.MEAN, ek.SPREAD, ek.WEIGHT]] = rng.random((6, 7, 3)) * rng.integers(0, 2, (6, 7, 1))
+    cells[[ek.MEAN, ek.SPREAD, ek.WEIGHT]] = rng.random((3, 6, 7)) * rng.integers(0, 2, (6, 7))
     height, variance = ek.measured_ground(cells)
-    known = cells[:, :, ek.WEIGHT] > 0
-    np.testing.assert_array_equal(height, np.where(known, cells[:, :, ek.MEAN], np.nan))
-    spread, weight = cells[known][:, [ek.SPREAD, ek.WEIGHT]].T
+    known = cells[ek.WEIGHT] > 0
+    np.testing.assert_array_equal(height, np.where(known, cells[ek.MEAN], np.nan))
+    spread, weight = cells[[ek.SPREAD, ek.WEIGHT]][:, known]
     np.testing.assert_allclose(variance[known], spread / weight + 1 / weight, rtol=1e-12)
     assert np.isnan(variance[~known]).all()
 
@@ -204,7 +233,7 @@ def plain_standing(cells, elevation, clearance, step):
     span = np.stack([np.full(elevation.shape, np.inf), np.full(elevation.shape, -np.inf)])
     known = np.argwhere(np.isfinite(elevation))
     for row, col in np.ndindex(elevation.shape):
-        cell = cells[row, col]
+        cell = cells[:, row, col]
         stands, hang = cell[ek.EVIDENCE] >= ek.BLOCKS, cell[ek.HANG]
         blocked[row, col] = cell[ek.WATER] > 0
         if not stands and np.isinf(hang):
@@ -230,20 +259,20 @@ def test_judging_what_stands_follows_its_plain_twin(seed, unknown):
     rng = np.random.default_rng(seed)
     shape = (9, 14)
     cells = empty(*shape)
-    cells[:, :, ek.EVIDENCE] = rng.integers(0, 4, shape)
-    cells[:, :, ek.FOOT] = rng.uniform(-0.2, 1.0, shape)
-    cells[:, :, ek.TOP] = cells[:, :, ek.FOOT] + rng.uniform(0.0, 1.0, shape)
-    cells[:, :, ek.BELOW] = rng.uniform(-0.2, 0.2, shape)
-    cells[:, :, ek.WATER] = rng.integers(-3, 2, shape)
-    cells[:, :, ek.HANG] = np.where(rng.random(shape) < 0.5, rng.uniform(0.0, 3.0, shape), np.inf)
-    cells[:, :, ek.PEAK] = cells[:, :, ek.TOP] + rng.uniform(0.0, 2.0, shape)
+    cells[ek.EVIDENCE] = rng.integers(0, 4, shape)
+    cells[ek.FOOT] = rng.uniform(-0.2, 1.0, shape)
+    cells[ek.TOP] = cells[ek.FOOT] + rng.uniform(0.0, 1.0, shape)
+    cells[ek.BELOW] = rng.uniform(-0.2, 0.2, shape)
+    cells[ek.WATER] = rng.integers(-3, 2, shape)
+    cells[ek.HANG] = np.where(rng.random(shape) < 0.5, rng.uniform(0.0, 3.0, shape), np.inf)
+    cells[ek.PEAK] = cells[ek.TOP] + rng.uniform(0.0, 2.0, shape)
     elevation = np.where(rng.random(shape) < unknown, np.nan, rng.uniform(-0.3, 0.3, shape))
     for ours, plain in zip(
         ek.standing_things(cells, elevation, 0.6, 0.15),
         plain_standing(cells, elevation, 0.6, 0.15),
         strict=True,
     ):
-        np.testing.assert_array_equal(ours, plain)
+        np.testing.assert_array_equal(ours, plain.astype(ours.dtype))
 
 
 def plain_steps(elevation, step, slope_rise):

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from vlp16 import ground, standing, thing, turn
 
+from planner.elevation_kernels import WEIGHT
 from planner.elevation_map import ElevationMap, MapConfig, elevation_patch, step_cells, window_origin
 from planner.frames import GridMap
 from scenes.pose import Pose
@@ -138,12 +139,12 @@ def test_rolling_moves_cells_and_changes_none(x, y):
     elevation_map._cells = np.random.default_rng(0).random(elevation_map._cells.shape)
     before, x_min, y_min = elevation_map._cells, elevation_map.x_min, elevation_map.y_min
     elevation_map.move_to(x, y)
-    rows, cols = np.indices(before.shape[:2])
+    rows, cols = np.indices(before.shape[1:])
     from_row = rows + round((elevation_map.y_min - y_min) / 0.25)
     from_col = cols + round((elevation_map.x_min - x_min) / 0.25)
     kept = (from_row >= 0) & (from_row < config.cells) & (from_col >= 0) & (from_col < config.cells)
-    np.testing.assert_array_equal(elevation_map._cells[kept], before[from_row[kept], from_col[kept]])
-    assert np.all(elevation_map._cells[~kept][:, 2] == 0.0)
+    np.testing.assert_array_equal(elevation_map._cells[:, kept], before[:, from_row[kept], from_col[kept]])
+    assert np.all(elevation_map._cells[WEIGHT, ~kept] == 0.0)
     middle = elevation_map.x_min + 0.5 * (config.cells - 1) * 0.25
     assert abs(middle - x) <= 0.5 + 1e-9
 

@@ -32,7 +32,7 @@ def test_bare_ground_is_ground_however_noisy_the_ranges(name):
     heightmap = ground(GROUNDS[name])
     pose = standing(heightmap, 0.0, 0.0, yaw=0.4)
     scan, _ = turn(RayScene(heightmap), pose, sigma=0.03)
-    labels, _ = gs.segment(scan, pose)
+    labels, _, _ = gs.segment(scan, pose)
     there = np.isfinite(scan.points[:, :, 2])
     returns, near = labels[there], labels[distances(scan) < gs.GROUND_RANGE - 0.1]
     assert np.mean(near == gs.GROUND) > 0.97
@@ -45,7 +45,7 @@ def test_what_stands_on_the_ground_is_not_ground(kind, name):
     heightmap = ground(GROUNDS[name])
     pose = standing(heightmap, 0.0, 0.0)
     scan, body = turn(RayScene(heightmap, [thing(kind, 6.0, 1.0, yaw=30.0)]), pose, sigma=0.01)
-    labels, _ = gs.segment(scan, pose)
+    labels, _, _ = gs.segment(scan, pose)
     on_it = labels[body == 1]
     assert np.sum(on_it == gs.STANDING) > 20
     assert np.mean(on_it == gs.GROUND) < 0.15
@@ -55,7 +55,7 @@ def test_a_gap_in_the_returns_leaves_nothing():
     heightmap = ground()
     pose = standing(heightmap, 0.0, 0.0)
     scan, _ = turn(RayScene(heightmap), pose)
-    labels, expected = gs.segment(scan, pose)
+    labels, expected, _ = gs.segment(scan, pose)
     missing = np.isnan(scan.points[:, :, 2])
     assert np.all(labels[missing] == gs.NOTHING)
     assert np.all(np.isnan(expected[missing]))
@@ -66,7 +66,7 @@ def test_a_robot_lying_on_its_side_expects_level_ground():
     pose = standing(heightmap, 0.0, 0.0)
     fallen = type(pose)(0.0, 0.0, 0.0, roll=1.5)
     scan, _ = turn(RayScene(heightmap), pose)
-    labels, _ = gs.segment(scan, fallen)
+    labels, _, _ = gs.segment(scan, fallen)
     assert np.mean(labels[distances(scan) < gs.GROUND_RANGE - 0.1] == gs.GROUND) > 0.99
 
 
@@ -136,7 +136,9 @@ def test_the_kernel_follows_its_plain_twin(seed, roughness):
     points = np.stack([distance * np.cos(azimuth), distance * np.sin(azimuth), height], axis=-1)
     points[rng.random((6, 10)) < 0.2] = np.nan
     origin, base, gradient = np.array([0.1, 0.0, 0.75]), np.array([0.0, 0.0, 0.05]), rng.normal(0.0, 0.2, 2)
-    labels, expected = gs.segment_kernel(points, origin, base, gradient)
+    labels, expected, reach = gs.segment_kernel(points, origin, base, gradient)
     plain_labels, plain_expected = plain_segment(points, origin, base, gradient)
     np.testing.assert_array_equal(labels, plain_labels)
     np.testing.assert_allclose(expected, plain_expected, rtol=0.0, atol=1e-9)
+    plain_reach = np.hypot(*np.moveaxis(points[:, :, :2] - origin[:2], -1, 0))
+    np.testing.assert_allclose(reach, plain_reach, rtol=1e-12)
