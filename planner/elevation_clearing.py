@@ -1,4 +1,4 @@
-"""What a lidar turn looks through is taken from the elevation map; `planner.elevation_kernels` has its cells."""
+"""What a lidar turn looks through is taken from the elevation map, whose cells `planner.elevation_kernels` has."""
 
 from __future__ import annotations
 
@@ -46,9 +46,10 @@ def clear_seen_through(
             if judged:
                 low = cells[FOOT, row, col] - 0.05 - origin[2]
                 high = cells[TOP, row, col] + 0.05 - origin[2]
-                near = _may_meet(farthest, tangents, rotation, east, north, high, resolution, resolution)
-                if near:
-                    seen, past = _look(reach, labels, elevations, rotation, east, north, low, high, resolution)
+                if _may_meet(farthest, tangents, rotation, east, north, high, resolution, resolution):
+                    seen, past = _look(
+                        reach, labels, elevations, rotation, east, north, low, high, resolution
+                    )
                     if seen:
                         cells[TURN, row, col] = turn
                     elif past:
@@ -101,7 +102,8 @@ def _may_meet(farthest, tangents, rotation, east, north, high, resolution, slack
     distance = math.sqrt(east * east + north * north)
     columns = farthest.shape[0]
     step = 2.0 * math.pi / columns
-    middle, aside = int(_rough_azimuth(x, y) / step + columns), int(0.25 * resolution / distance / step + _SLACK)
+    middle = int(_rough_azimuth(x, y) / step + columns)
+    aside = int(0.25 * resolution / distance / step + _SLACK)
     for c in range(middle - aside, middle + aside + 2):
         if farthest[c % columns, last] > distance - slack - _SLACK:
             return True
