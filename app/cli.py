@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from app import train_command
+from app import evaluate_command, train_command
 
 # one thread a process for the numeric libraries, which read this once: the processes share the cores
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -29,16 +29,18 @@ class Refusal(ValueError):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     arguments = _parser().parse_args(argv)
+    from app.evaluate_command import EvaluationFailure, EvaluationRefusal
     from app.store import StoreError, UnknownEntry
     from planner.learning_errors import PolicyError, TrainingError, TrainingRefusal
     from scenes.scenario import ScenarioError
 
+    refusals = EvaluationRefusal, Refusal, TrainingRefusal, PolicyError, ScenarioError, StoreError
     try:
         arguments.command(arguments)
-    except (PolicyError, Refusal, ScenarioError, StoreError, TrainingRefusal, UnknownEntry) as error:
+    except (*refusals, UnknownEntry) as error:
         print(f"covernav: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except TrainingError as error:
+    except (EvaluationFailure, TrainingError) as error:
         print(f"covernav: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -108,20 +110,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--record", type=Path, metavar="DIR", help="leave scenario, summary and every tick here")
     run.set_defaults(command=_run)
 
-    evaluate = commands.add_parser("evaluate", help="compare methods on seeded missions", allow_abbrev=False)
-    evaluate.add_argument("--methods", default="all", metavar="all|a,b")
-    evaluate.add_argument("--terrains", default="all", metavar="all|a,b")
-    evaluate.add_argument("--suite", choices=["random", "covert"], default="random")
-    evaluate.add_argument("--observers", choices=["known", "unknown"], default="known")
-    evaluate.add_argument("--perception", choices=["lidar", "oracle"], default="lidar")
-    evaluate.add_argument("--missions", type=_whole(1, 100_000), default=100)
-    evaluate.add_argument("--seed", type=_SEED, default=0)
-    evaluate.add_argument("--jobs", type=_whole(1, 256), default=2)
-    evaluate.add_argument("--goal-distance", type=_number(4.0, 60.0), default=12.0, metavar="M")
-    evaluate.add_argument("--out", type=Path, metavar="DIR", help="keep finished missions; go on from them")
-    evaluate.add_argument("--json", metavar="FILE|-")
-    evaluate.set_defaults(command=_evaluate)
-
+    evaluate_command.add_parser(commands, _whole, _number, _SEED)
     train_command.add_parser(commands, _whole, _SEED)
 
     _scenario_parsers(commands)
@@ -250,90 +239,6 @@ def _check_methods(names: Sequence[str]) -> None:
     for name in names:
         if name not in METHODS:
             raise Refusal(f"there is no method {name!r}; choose one of {', '.join(METHODS)}")
-
-
-def _evaluate(arguments: argparse.Namespace) -> None:
-    from tqdm import tqdm
-
-    from planner.evaluation import evaluate, specs, tabulate
-    from planner.frames import Perception
-    from planner.methods import METHODS
-    from planner.suites import Knowledge, Suite
-    from scenes.scenario import Family
-
-    methods = list(METHODS) if arguments.methods == "all" else arguments.methods.split(",")
-    _check_methods(methods)
-    terrains = list(Family) if arguments.terrains == "all" else arguments.terrains.split(",")
-    for terrain in terrains:
-        if terrain not in set(Family):
-            raise Refusal(f"there is no terrain {terrain!r}; choose one of {', '.join(Family)}")
-    wanted = specs(
-        methods,
-        [Family(terrain) for terrain in terrains],
-        arguments.missions,
-        arguments.seed,
-        Perception(arguments.perception),
-        arguments.goal_distance,
-        Suite(arguments.suite),
-        Knowledge(arguments.observers),
-    )
-    journal = None
-    if arguments.out is not None:
-        try:
-            arguments.out.mkdir(parents=True, exist_ok=True)
-            journal = arguments.out / "missions.jsonl"
-            journal.touch()
-        except OSError as error:
-            raise Refusal(f"{arguments.out} cannot be written: {error.strerror or error}") from None
-    try:
-        progress = tqdm(
-            evaluate(wanted, arguments.jobs, journal), total=len(wanted), disable=None, unit="mission"
-        )
-        missions = list(progress)
-    except OSError as error:
-        raise Refusal(f"{arguments.out}: {error.strerror or error}; finished missions are kept") from None
-    except ValueError as error:
-        raise Refusal(str(error)) from None
-    missions.sort(key=lambda m: (m["terrain"], m["method"], m["seed"]))
-    rows = tabulate(missions)
-    _print_json(arguments.json, {"rows": rows, "missions": missions, "versions": _versions()})
-    if arguments.json != "-":
-        print(_markdown(rows))
-
-
-COLUMNS: tuple[tuple[str, str, str], ...] = (
-    ("length ratio", "length_ratio", ".2f"),
-    ("mission s", "execution_time_s", ".1f"),
-    ("exposed s", "exposed_s", ".1f"),
-    ("longest s", "longest_exposure_s", ".1f"),
-    ("detected %", "detection_probability", ".0%"),
-    ("avoidable removed %", "avoidable_removed", ".0%"),
-)
-"""Heading, key of a row and format; a per cent sign is left to the heading."""
-
-
-def _markdown(rows: list[dict[str, Any]]) -> str:
-    headings = ["terrain", "method", "n", "success % (95 % interval)", *(name for name, *_ in COLUMNS)]
-    lines = ["| " + " | ".join([*headings, "failures"]) + " |", "|---" * (len(headings) + 1) + "|"]
-    for row in rows:
-        low, high = row["success_ci95"]
-        cells = [
-            row["terrain"],
-            f"`{row['method']}`",
-            str(row["missions"]),
-            f"{100 * row['success_rate']:.0f} ({100 * low:.0f}–{100 * high:.0f})",
-        ]
-        for _, key, style in COLUMNS:
-            cells.append("–" if row[key] is None else format(row[key], style).rstrip("%"))
-        failures = ", ".join(f"{n} {reason}" for reason, n in row["failures"].items())
-        lines.append("| " + " | ".join([*cells, failures or "none"]) + " |")
-    return "\n".join(lines)
-
-
-def _versions() -> dict[str, str]:
-    from importlib.metadata import version
-
-    return {name: version(name) for name in ("covernav-studio", "numpy", "numba", "pybullet", "embreex")}
 
 
 def _list(_: argparse.Namespace) -> None:

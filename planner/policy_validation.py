@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from planner.checkpoint import PolicyName, load_policy
-from planner.evaluation import wilson
+from planner.intervals import wilson
 from planner.mission import Mission
 from scenes.families import generate
 from scenes.kinematics import KinematicWorld

@@ -1,0 +1,187 @@
+"""An evaluation as one SQLite file that people can mail: every mission's figures, its way and its scene.
+
+The file may come from anybody: it is opened to be read alone, and nothing in it is believed unchecked.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sqlite3
+import tempfile
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from planner.evaluation import MissionSpec
+from planner.trajectory import Trajectory
+
+FORMAT = "covernav evaluation 1"
+NAME = "results.sqlite"
+MOST_MISSIONS = 200_000
+MOST_BYTES = 2**20  # of one mission's figures, way or scene
+MOST_STEPS = 2000  # of SQLite's machine, in thousands, for one question
+MOST_SAMPLES = 100_000
+CONDITIONS = ("terrain", "method", "suite", "observers", "perception", "placement")
+FIGURES = (
+    "trajectory_length_m", "straight_line_m", "execution_time_s", "exposure_fraction", "exposed_s",
+    "longest_exposure_s", "detection_probability", "cover_fraction", "concealed_fraction",
+    "elevation_gradient_m", "max_roll_deg", "max_pitch_deg", "collisions", "planner_ms_p50", "planner_ms_p95",
+    "shortest_m", "shortest_s", "bound_m", "bound_s",
+)  # fmt: skip
+"""What a mission's summary holds in numbers, each finite or null."""
+
+SCHEMA = """
+CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE scenes (id INTEGER PRIMARY KEY, recipe BLOB NOT NULL UNIQUE);
+CREATE TABLE missions (
+    id INTEGER PRIMARY KEY,
+    terrain TEXT NOT NULL, method TEXT NOT NULL, seed INTEGER NOT NULL, status TEXT NOT NULL,
+    summary BLOB NOT NULL,      -- zlib of the JSON of a mission in `covernav evaluate --json`
+    trajectory BLOB,            -- zlib of the JSON of planner.trajectory
+    scene INTEGER REFERENCES scenes (id)  -- zlib of the JSON of planner.scene_recipe
+);
+"""
+
+
+class ResultsError(ValueError):
+    """A file that is no evaluation, in one sentence."""
+
+
+def versions() -> dict[str, str]:
+    """Of what figures depend on."""
+    return {name: version(name) for name in ("covernav-studio", "numpy", "numba", "pybullet", "embreex")}
+
+
+def write(path: Path, missions: Iterable[dict[str, Any]], title: str) -> None:
+    """Replace the file by one with these missions, whole or not at all. Raises OSError."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        with closing(sqlite3.connect(temporary)) as database, database:
+            database.executescript("PRAGMA journal_mode = MEMORY;" + SCHEMA)
+            _fill(database, missions, title)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except sqlite3.Error as error:
+        raise OSError(f"{path} could not be written: {error}") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _fill(database: sqlite3.Connection, missions: Iterable[dict[str, Any]], title: str) -> None:
+    about = {"format": FORMAT, "title": title, "versions": json.dumps(versions())}
+    database.executemany("INSERT INTO about VALUES (?, ?)", about.items())
+    scenes: dict[bytes, int] = {}
+    for mission in missions:
+        summary = {key: value for key, value in mission.items() if key not in ("trajectory", "scene")}
+        scene = None
+        if mission.get("scene") is not None:
+            scene = scenes.setdefault(_packed(mission["scene"]), len(scenes) + 1)
+        way = None if mission.get("trajectory") is None else _packed(mission["trajectory"])
+        head = (str(mission["terrain"]), mission["method"], mission["seed"], str(mission["status"]))
+        database.execute(
+            "INSERT INTO missions (terrain, method, seed, status, summary, trajectory, scene)"
+            " VALUES (?, ?, ?, ?, ?, ?, ?)",
+            (*head, _packed(summary), way, scene),
+        )
+    database.executemany("INSERT INTO scenes VALUES (?, ?)", ((id, recipe) for recipe, id in scenes.items()))
+
+
+class ResultsFile:
+    """An evaluation's file. Raises ResultsError where it is none, also from its methods."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self._open() as database:
+            about = dict(database.execute("SELECT key, value FROM about LIMIT 20").fetchall())
+            if about.get("format") != FORMAT:
+                raise ResultsError(f"{path.name} is not an evaluation of `covernav evaluate`")
+            self.title = str(about.get("title", path.stem))[:200]
+
+    @contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
+        try:
+            with closing(sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+                database.execute("PRAGMA trusted_schema = OFF")
+                budget = iter(range(MOST_STEPS))
+                database.set_progress_handler(lambda: int(next(budget, None) is None), 100_000)
+                kinds = dict(database.execute("SELECT name, type FROM sqlite_schema LIMIT 50").fetchall())
+                if any(kinds.get(name) != "table" for name in ("about", "missions", "scenes")):
+                    raise ResultsError(f"{self.path.name} is not an evaluation of `covernav evaluate`")
+                yield database
+        except sqlite3.Error as error:
+            raise ResultsError(f"{self.path.name} cannot be read as an evaluation: {error}") from None
+
+    def missions(self) -> list[dict[str, Any]]:
+        """Every mission's summary with its `id` and `drawn`, whether its way is known."""
+        with self._open() as database:
+            rows = database.execute(
+                "SELECT id, summary, trajectory IS NOT NULL AND scene IS NOT NULL FROM missions"
+                " ORDER BY id LIMIT ?",
+                (MOST_MISSIONS + 1,),
+            ).fetchall()
+        if len(rows) > MOST_MISSIONS:
+            raise ResultsError(f"{self.path.name} has more than {MOST_MISSIONS} missions")
+        return [self._checked(_unpacked(data)) | {"id": id, "drawn": bool(drawn)} for id, data, drawn in rows]
+
+    def _checked(self, summary: Any) -> dict[str, Any]:
+        try:
+            MissionSpec.of(summary)
+            texts = [summary[name] for name in (*CONDITIONS, "status") if name in summary]
+            numbers = [summary[name] for name in (*FIGURES, "goal_distance") if summary.get(name) is not None]
+            sound = all(isinstance(text, str) and len(text) < 300 for text in texts) and all(
+                type(number) in (int, float) and math.isfinite(number) for number in numbers
+            )
+            if not (sound and isinstance(summary["success"], bool) and type(summary["seed"]) is int):
+                raise ValueError
+            if summary["success"] and summary.get("trajectory_length_m") is None:
+                raise ValueError
+        except (ValueError, KeyError, TypeError):
+            raise ResultsError(f"{self.path.name} holds a mission that is damaged") from None
+        return summary
+
+    def trajectory(self, mission: int) -> Trajectory:
+        """Raises LookupError where there is none."""
+        document = self._blob("SELECT trajectory FROM missions WHERE id = ?", mission)
+        try:
+            found = Trajectory.of(document)
+        except ValueError as error:
+            raise ResultsError(f"{self.path.name}, mission {mission}: {error}") from None
+        if len(found.time_s) > MOST_SAMPLES:
+            raise ResultsError(f"{self.path.name}, mission {mission}: its way is too long to draw")
+        return found
+
+    def recipe(self, mission: int) -> dict[str, Any]:
+        """How to make the mission's scene. Raises LookupError where it is not known."""
+        return self._blob(
+            "SELECT recipe FROM scenes JOIN missions ON missions.scene = scenes.id WHERE missions.id = ?",
+            mission,
+        )
+
+    def _blob(self, question: str, mission: int) -> Any:
+        with self._open() as database:
+            row = database.execute(question, (mission,)).fetchone()
+        if row is None or row[0] is None:
+            raise LookupError(f"there is no mission {mission} whose way is known in {self.path.stem}")
+        return _unpacked(row[0])
+
+
+def _packed(document: Any) -> bytes:
+    return zlib.compress(json.dumps(document, allow_nan=False, separators=(",", ":")).encode(), 9)
+
+
+def _unpacked(data: Any) -> Any:
+    try:
+        unpacker = zlib.decompressobj()
+        text = unpacker.decompress(data, MOST_BYTES)
+        if unpacker.unconsumed_tail:
+            raise ValueError
+        return json.loads(text)
+    except (TypeError, ValueError, RecursionError, zlib.error):
+        raise ResultsError("a mission's data are damaged") from None

@@ -1,0 +1,152 @@
+"""An evaluation under way: missions to processes, results to the journal, whatever happens to either.
+
+joblib distributes: on this machine over loky's processes, on others through Ray's backend. One job is this
+process. What a worker was driving when it was killed is driven again, alone, and at last counted as an error.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from functools import cache
+from typing import Any, cast
+
+from joblib import Parallel, delayed
+from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky.process_executor import BrokenProcessPool
+
+from planner import evaluation
+from planner.evaluation import MissionSpec, failed
+from planner.evaluation_journal import Journal
+
+ATTEMPTS = 2
+"""How often a mission may take its worker with it, alone, before that is its result."""
+
+Result = dict[str, Any]
+
+
+class Local:
+    """Processes on this machine; one job is this process."""
+
+    crashes: tuple[type[BaseException], ...] = (BrokenProcessPool,)
+    lost = "its worker process was killed"
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+
+    def using(self) -> AbstractContextManager[Any]:
+        return nullcontext()
+
+    def attempt(self) -> Callable[[MissionSpec], Result]:
+        return attempt_here if self.jobs == 1 else attempt_apart
+
+    def close(self, at_once: bool) -> None:
+        """End the processes."""
+        if self.jobs > 1:
+            get_reusable_executor().shutdown(wait=True, kill_workers=at_once)
+
+
+def evaluate(
+    wanted: Sequence[MissionSpec],
+    jobs: int = 1,
+    journal: Journal | None = None,
+    stop: threading.Event | None = None,
+    pool: Local | None = None,
+) -> Iterator[Result]:
+    """Yield every mission's result: first those that the journal holds, then each as it is finished.
+
+    stop : when set, missions under way are finished and no more begun; so it is when the disk is full
+    pool : where to drive instead of `jobs` processes on this machine
+    Raises OSError where the journal cannot be written.
+    """
+    stop, pool = stop or threading.Event(), pool or Local(jobs)
+    done = journal.results if journal is not None else {}
+    kept = [done[spec] for spec in wanted if spec in done]
+    missing = [spec for spec in wanted if spec not in done]
+    yield from kept
+    for result in _driven(missing, pool, stop):
+        if journal is not None:
+            journal.add(result)
+            if journal.full:
+                stop.set()
+        yield result
+
+
+def _driven(missing: list[MissionSpec], pool: Local, stop: threading.Event) -> Iterator[Result]:
+    suspects: set[MissionSpec] = set()
+    crashes: Counter[MissionSpec] = Counter()
+    queue, at_once = deque(missing), True
+    try:
+        while queue and not stop.is_set():
+            # what was under way when a worker died is driven alone, to know which is to blame the next time
+            turn = [spec for spec in queue if spec not in suspects] or [queue[0]]
+            flying: dict[MissionSpec, None] = {}
+            finished: set[MissionSpec] = set()
+            try:
+                for spec, result in _turn(turn, pool, stop, flying):
+                    finished.add(spec)
+                    yield result
+            except pool.crashes:
+                suspects |= flying.keys() - finished
+                crashes.update(list(flying) if len(turn) == 1 else [])
+            for spec in [spec for spec in queue if crashes[spec] >= ATTEMPTS]:
+                finished.add(spec)
+                yield failed(spec, f"{pool.lost} {ATTEMPTS} times while it drove that alone")
+            queue = deque(spec for spec in queue if spec not in finished)
+        at_once = False
+    finally:
+        pool.close(at_once)
+
+
+def _turn(
+    turn: list[MissionSpec], pool: Local, stop: threading.Event, flying: dict[MissionSpec, None]
+) -> Iterator[tuple[MissionSpec, Result]]:
+    """Drive some missions; `flying` takes up those that were begun."""
+    attempt = pool.attempt()
+
+    def begun() -> Iterator[Any]:
+        for spec in turn:
+            if stop.is_set():
+                return
+            flying[spec] = None
+            yield delayed(_with_spec)(attempt, spec)
+
+    with pool.using():
+        options: Any = {"pre_dispatch": pool.jobs, "batch_size": 1}
+        parallel = Parallel(n_jobs=pool.jobs, return_as="generator_unordered", **options)
+        yield from cast(Iterator[tuple[MissionSpec, Result]], parallel(begun()))
+
+
+def _with_spec(attempt: Callable[[MissionSpec], Result], spec: MissionSpec) -> tuple[MissionSpec, Result]:
+    return spec, attempt(spec)
+
+
+def attempt_here(spec: MissionSpec) -> Result:
+    """Drive a mission; what goes wrong in it is its result."""
+    try:
+        return evaluation.drive(spec)
+    except Exception as error:
+        return failed(spec, " ".join(f"{type(error).__name__}: {error}".split()))
+
+
+def attempt_apart(spec: MissionSpec) -> Result:
+    """As `attempt_here`, in a process that leaves Ctrl-C to its parent and ends with it."""
+    _settle()
+    return attempt_here(spec)
+
+
+@cache
+def _settle() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)

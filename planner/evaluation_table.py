@@ -1,0 +1,147 @@
+"""The table of an evaluation: one row a terrain and method, ours beside the paper's, the bound beneath."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from planner.evaluation import ERROR
+from planner.frames import Status
+from planner.intervals import student, wilson
+from planner.methods import COMPARED
+from planner.published import GOAL_DISTANCE_M, published
+from scenes.scenario import Family
+
+Result = dict[str, Any]
+
+GROUPED_BY: dict[str, Any] = {
+    "terrain": "", "method": "", "suite": "random", "observers": "known", "perception": "",
+    "goal_distance": GOAL_DISTANCE_M, "placement": "uniform",
+}  # fmt: skip
+"""What makes a row of the table, with what missions mean that do not say."""
+
+MEANS = (
+    "trajectory_length_m", "length_ratio", "execution_time_s", "exposure_fraction", "exposed_s",
+    "longest_exposure_s", "detection_probability", "cover_fraction", "concealed_fraction",
+    "elevation_gradient_m", "max_tilt_deg",
+)  # fmt: skip
+"""Columns that are means over the successes."""
+
+WORTH_AVOIDING = 0.5
+
+
+def tabulate(missions: Iterable[Result]) -> list[Result]:
+    """One row for each group of missions alike in `GROUPED_BY`.
+
+    Means are over the successes that have the figure; `n` says over how many, `ci95` is their interval by
+    Student's t. `paper` is what the paper reports for such drives, or None.
+    """
+    groups = grouped(missions, GROUPED_BY)
+    return [_row(key, groups[key]) for key in sorted(groups, key=_order)]
+
+
+def bounds(missions: Iterable[Result]) -> list[Result]:
+    """What the route engine makes of the missions, one row a terrain and kind of mission: means over the
+    missions for which it has a way. See `planner.suites.Reference`."""
+    kinds = {name: usual for name, usual in GROUPED_BY.items() if name != "method"}
+    rows = []
+    groups = grouped(missions, kinds)
+    for key in sorted(groups, key=lambda key: (_order(key[:1]), key)):
+        once = {mission["seed"]: mission for mission in groups[key] if mission.get("bound_s") is not None}
+        figures = {name: mean(m[name] for m in once.values()) for name in REFERENCE}
+        rows.append(dict(zip(kinds, key, strict=True)) | {"missions": len(once)} | figures)
+    return rows
+
+
+REFERENCE = ("shortest_m", "shortest_s", "bound_m", "bound_s")
+
+
+def grouped(missions: Iterable[Result], kinds: dict[str, Any]) -> dict[tuple, list[Result]]:
+    """Missions by what they have under the keys of `kinds`, each group by seed."""
+    groups: dict[tuple, list[Result]] = {}
+    for mission in missions:
+        key = tuple(mission.get(name, usual) for name, usual in kinds.items())
+        groups.setdefault(tuple(str(x) if isinstance(x, str) else x for x in key), []).append(mission)
+    return {key: sorted(group, key=lambda mission: mission["seed"]) for key, group in groups.items()}
+
+
+def _order(key: tuple) -> tuple:
+    """By terrain, by the kind of mission, and by method as they are usually compared."""
+    terrain = list(Family).index(Family(key[0]))
+    if len(key) == 1:
+        return (terrain,)
+    method = key[1]
+    place = COMPARED.index(method) if method in COMPARED else len(COMPARED)
+    return terrain, *key[2:], place, method
+
+
+def measured(mission: Result, name: str) -> float | None:
+    """A figure of one mission, None where it has none."""
+    match name:
+        case "length_ratio":
+            way, straight = mission.get("trajectory_length_m"), mission.get("straight_line_m")
+            return way / straight if way is not None and straight else None
+        case "max_tilt_deg":
+            roll, pitch = mission.get("max_roll_deg"), mission.get("max_pitch_deg")
+            return None if roll is None or pitch is None else max(roll, pitch)
+        case "success":
+            return float(mission["success"])
+    return mission.get(name)
+
+
+def _row(key: tuple, missions: list[Result]) -> Result:
+    good = [mission for mission in missions if mission["success"]]
+    statuses = Counter(str(mission["status"]) for mission in missions)
+    count = len(missions)
+    values = {name: [v for m in good if (v := measured(m, name)) is not None] for name in MEANS}
+    head = dict(zip(GROUPED_BY, key, strict=True))
+    paper = published(head["terrain"], head["method"]) if head["goal_distance"] == GOAL_DISTANCE_M else None
+    means = {name: mean(numbers) for name, numbers in values.items()}
+    return head | {
+        "missions": count,
+        "successes": len(good),
+        "success_rate": len(good) / count,
+        "success_ci95": list(wilson(len(good), count)),
+        **{name: means[name] for name in MEANS[:7]},
+        "avoidable_removed": avoidable_removed(good),
+        **{name: means[name] for name in MEANS[7:]},
+        "collision_rate": statuses[Status.COLLIDED] / count,
+        "timeout_rate": statuses[Status.TIMEOUT] / count,
+        "failures": {status: n for status, n in sorted(statuses.items()) if status != Status.REACHED},
+        "planner_ms_p50": mean(m["planner_ms_p50"] for m in missions if m.get("planner_ms_p50") is not None),
+        "paper": None if paper is None else asdict(paper),
+        "n": {name: len(numbers) for name, numbers in values.items()},
+        "ci95": {name: _listed(student(numbers)) for name, numbers in values.items()},
+    }
+
+
+def avoidable_removed(missions: Iterable[Result]) -> float | None:
+    """Share of the avoidable exposed seconds that the drives were spared, all missions' seconds together:
+    (shortest route's - driven) / (shortest route's - bound).
+
+    None where hardly anything could be avoided, less than `WORTH_AVOIDING` seconds a mission."""
+    count, spared, avoidable = 0, 0.0, 0.0
+    for mission in missions:
+        if mission.get("bound_s") is not None and mission.get("exposed_s") is not None:
+            spared += mission["shortest_s"] - mission["exposed_s"]
+            avoidable += mission["shortest_s"] - mission["bound_s"]
+            count += 1
+    return spared / avoidable if count and avoidable >= WORTH_AVOIDING * count else None
+
+
+def reasons(missions: Iterable[Result]) -> Counter[str]:
+    """Why missions ended in an error of ours, and how many."""
+    return Counter(mission.get("reason", "") for mission in missions if mission["status"] == ERROR)
+
+
+def mean(values: Iterable[float]) -> float | None:
+    numbers = list(values)
+    return float(np.mean(numbers)) if numbers else None
+
+
+def _listed(interval: tuple[float, float] | None) -> list[float] | None:
+    return None if interval is None else list(interval)
