@@ -91,20 +91,32 @@ class CostLayer:
 
 def cost_surface(patch: CostPatch, ground: Heightmap, opacity: float) -> Surface | None:
     """The part of the drawn ground under the patch, just above it, in the colours of the costs; None where
-    nothing is known. It shares the ground's own triangles, so it never dips below them."""
-    rows = _span(ground.y_min, ground.resolution, ground.shape[0], patch.y_min, patch, axis=0)
-    cols = _span(ground.x_min, ground.resolution, ground.shape[1], patch.x_min, patch, axis=1)
+    nothing is known."""
+    colours = palette.cost_colours(patch.cost)
+    colours[..., 3] = np.round(colours[..., 3] * opacity)
+    return laid(colours, (patch.x_min, patch.y_min), patch.resolution, ground, 0.045)
+
+
+def laid(
+    colours: np.ndarray, corner: tuple[float, float], resolution: float, ground: Heightmap, lift: float
+) -> Surface | None:
+    """The part of the drawn ground under a grid's colours (rows, cols, 4), `lift` metres above it; None where
+    all of it is clear. It shares the ground's own triangles, so it never dips below them.
+
+    corner : world x and y of cell [0, 0]; resolution : metres a cell
+    """
+    rows = _span(ground.y_min, ground.resolution, ground.shape[0], corner[1], resolution, colours.shape[0])
+    cols = _span(ground.x_min, ground.resolution, ground.shape[1], corner[0], resolution, colours.shape[1])
     if len(rows) < 2 or len(cols) < 2:
         return None
     x = ground.x_min + ground.resolution * cols
     y = ground.y_min + ground.resolution * rows
-    row = np.clip(np.rint((y - patch.y_min) / patch.resolution).astype(int), 0, patch.cost.shape[0] - 1)
-    col = np.clip(np.rint((x - patch.x_min) / patch.resolution).astype(int), 0, patch.cost.shape[1] - 1)
-    colours = palette.cost_colours(patch.cost[np.ix_(row, col)]).reshape(-1, 4)
-    colours[:, 3] = np.round(colours[:, 3] * opacity)
+    row = np.clip(np.rint((y - corner[1]) / resolution).astype(int), 0, colours.shape[0] - 1)
+    col = np.clip(np.rint((x - corner[0]) / resolution).astype(int), 0, colours.shape[1] - 1)
+    colours = colours[np.ix_(row, col)].reshape(-1, 4)
     grid_x, grid_y = np.meshgrid(x, y)
     vertices = np.column_stack(
-        [grid_x.ravel(), grid_y.ravel(), ground.heights[np.ix_(rows, cols)].ravel() + 0.045]
+        [grid_x.ravel(), grid_y.ravel(), ground.heights[np.ix_(rows, cols)].ravel() + lift]
     )
     index = np.arange(len(vertices)).reshape(len(rows), len(cols))
     near, east = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
@@ -117,11 +129,11 @@ def cost_surface(patch: CostPatch, ground: Heightmap, opacity: float) -> Surface
     return Surface(vertices[used], faces.reshape(-1, 3), colours[used], unlit=True, blended=True)
 
 
-def _span(low: float, step: float, count: int, patch_low: float, patch: CostPatch, axis: int) -> np.ndarray:
-    """Indices of the ground's samples that lie over the patch."""
-    patch_high = patch_low + (patch.cost.shape[axis] - 1) * patch.resolution
-    first = max(int(np.ceil((patch_low - low) / step)), 0)
-    last = min(int(np.floor((patch_high - low) / step)), count - 1)
+def _span(low: float, step: float, count: int, grid_low: float, grid_step: float, cells: int) -> np.ndarray:
+    """Indices of the ground's samples that lie over a grid, along one axis."""
+    grid_high = grid_low + (cells - 1) * grid_step
+    first = max(int(np.ceil((grid_low - low) / step)), 0)
+    last = min(int(np.floor((grid_high - low) / step)), count - 1)
     return np.arange(first, last + 1)
 
 

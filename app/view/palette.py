@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.frames import Rejection
+from scenes.catalogue import TraversabilityGroup
 from scenes.terrain import Surface
 
 RGB = tuple[int, int, int]
@@ -102,6 +103,16 @@ def cost_colours(cost: np.ndarray) -> np.ndarray:
     rgba[np.isnan(cost), 3] = 0
     return rgba
 
+
+GROUPS: dict[TraversabilityGroup, RGB] = {
+    TraversabilityGroup.BACKGROUND: (122, 138, 160),
+    TraversabilityGroup.SMOOTH: (244, 240, 226),
+    TraversabilityGroup.ROUGH: (158, 190, 96),
+    TraversabilityGroup.BUMPY: (150, 98, 56),
+    TraversabilityGroup.FORBIDDEN: (56, 96, 214),
+    TraversabilityGroup.OBSTACLE: (150, 30, 96),
+}
+"""Ground by how one drives on it, apart in lightness as much as in hue."""
 
 _EXPOSURE_STOPS = np.array([HIDDEN, (232, 224, 196), SEEN], float)
 _COUNT_STOPS = np.array(

@@ -5,9 +5,12 @@ from __future__ import annotations
 import html
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from app.changes import Change
-from app.view import markup
+from app.view import markup, segmentation
 from app.view.desk import Desk
+from app.view.layers import Layer
 from app.view.panel_drive import DriveTab
 from app.view.panel_exposure import ExposureTab
 from app.view.panel_layers import LayersTab
@@ -28,6 +31,7 @@ class Panel:
         self._refusal, self._refusals = "", 0
         desk = Desk(viewer)
         self._held = desk.gui.add_html("")
+        self._inset, self._seen = desk.gui.add_html(""), None
         tabs = desk.gui.add_tab_group()
         with tabs.add_tab("Plan"):
             self.plan = PlanTab(desk)
@@ -69,12 +73,28 @@ class Panel:
             f'<div id="covernav-state"{data}>{markup.note(hint, "Esc to stop") if hint else ""}</div>'
         )
 
+    def _show_camera(self) -> None:
+        """The camera's image with what the method takes it for, while it tells."""
+        view, frame = self._viewer.view, self._viewer.studio.frame
+        decision = None if frame is None or not view.layers.visible[Layer.GROUPS] else frame.decision
+        seen = None if decision is None else decision.segmentation
+        groups = None if seen is None else seen.groups
+        if groups is self._seen or (
+            groups is not None and self._seen is not None and np.array_equal(groups, self._seen)
+        ):
+            return
+        self._seen = groups
+        self._inset.content = segmentation.inset(seen)
+
     def refresh_layers(self) -> None:
+        self._show_camera()
         self.layers.refresh()
         self.refresh_tool()
 
     def refresh(self, change: Change) -> None:
         """Show what has changed."""
+        if change in (Change.FRAME, Change.OPENED, Change.SETTINGS, Change.STATUS):
+            self._show_camera()
         if change in (Change.TRAINING, Change.OPENED, Change.SETTINGS):
             self.training.refresh()
         if change is Change.TRAINING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.view import markup, palette
+from app.view import markup, palette, segmentation
 from app.view.desk import Desk, show_value
 from app.view.layers import STYLES
 
@@ -46,6 +46,8 @@ def legend() -> str:
         markup.heading("Cost"),
         markup.scale([(red, green, blue) for red, green, blue in stops], "0", f"{palette.COST_FULL:.0f}"),
         markup.key(palette.COST_FORBIDDEN, "forbidden", height=8),
+        markup.heading("Ground by its looks"),
+        segmentation.legend(),
         markup.heading("Arcs"),
         markup.key(palette.CHOSEN_ARC, "chosen"),
         markup.key(palette.CANDIDATE_ARC, "candidate"),

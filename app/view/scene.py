@@ -24,6 +24,7 @@ from app.view.ground import painted, terrain_glb, water_glb
 from app.view.layers import STYLES, Layer, LayerState
 from app.view.nodes import SwapGlb
 from app.view.robot import RobotNode
+from app.view.segmentation import GroupsLayer
 from app.view.standing import CoverLayer, Markers, SelectionMark, cover_chunks, thing_label
 from app.view.walkers import Observers, Obstacles, Patrols
 from planner.frames import Frame
@@ -73,6 +74,7 @@ class Scene:
         self._robot = RobotNode(scene, "/robot")
         self._scan = ScanLayer(scene, f"/{Layer.SCAN.value}")
         self._cost = CostLayer(scene, f"/{Layer.COST.value}")
+        self._groups = GroupsLayer(scene, f"/{Layer.GROUPS.value}")
         self._arcs = ArcsLayer(scene, f"/{Layer.ARCS.value}")
         self._route = RouteLayer(scene, f"/{Layer.ROUTE.value}")
         self._path = PathLayer(scene, f"/{Layer.PATH.value}")
@@ -110,6 +112,7 @@ class Scene:
         for layer in (
             self._scan,
             self._cost,
+            self._groups,
             self._arcs,
             self._route,
             self._path,
@@ -141,6 +144,7 @@ class Scene:
             Layer.SIGHT_LINES: lambda: self._sight_lines.draw(frame, self._watched, heightmap),
             Layer.SCAN: lambda: self._scan.draw(frame),
             Layer.COST: lambda: self._cost.draw(frame, heightmap),
+            Layer.GROUPS: lambda: self._groups.draw(frame, heightmap),
             Layer.ARCS: lambda: self._arcs.draw(frame, heightmap),
             Layer.ROUTE: lambda: self._route.draw(frame, heightmap),
             Layer.DETECTIONS: lambda: self._detections.draw(frame),
@@ -159,6 +163,8 @@ class Scene:
             self._observers.set_opacity(opacity, heightmap)
         elif layer is Layer.COST:
             self._cost.set_opacity(opacity)
+        elif layer is Layer.GROUPS:
+            self._groups.set_opacity(opacity)
 
 
 def _find(scenario: Scenario, selection: Selection):
