@@ -8,13 +8,26 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
 
-from planner.dwa import NO_SLIP, DwaConfig, Ground, Rollout, Slip, Surroundings, Weights, candidates, evaluate
-from planner.frames import Arcs, Percept, Rejection
+from planner.dwa import (
+    NO_SLIP,
+    DwaConfig,
+    Ground,
+    Rollout,
+    Slip,
+    Surroundings,
+    Weights,
+    candidates,
+    evaluate,
+    window,
+)
+from planner.frames import Arcs, Percept, Rejection, TrackedObstacle
+from planner.motion import Motion, WeighedMotion
 from scenes.pose import Pose, Twist, wrap_angle
 
 TRAIL_SPACING = 0.1
@@ -44,6 +57,7 @@ class DriverConfig:
     patient_recoveries : after so many it doubts the slip that it has learnt, and leaves what it is too near
         to by `squeezing` instead of by the dynamic window's own `leaving`: it would never get free where
         every arc ends a little nearer to something
+    close_margin : kept to what moves where nothing keeps the dynamic window's own `moving_margin`
     """
 
     goal_tolerance: float = 0.2
@@ -64,6 +78,7 @@ class DriverConfig:
     recoveries: int = 10
     patient_recoveries: int = 2
     squeezing: tuple[float, float, float] = (0.02, 0.6, 0.01)
+    close_margin: float = 0.05
     dwa: DwaConfig = field(default_factory=DwaConfig)
 
 
@@ -93,14 +108,19 @@ class _Mark:
 
 
 class Driver:
-    """Keeps the recovery's state from tick to tick; `reset` forgets it."""
+    """Keeps the recovery's state from tick to tick; `reset` forgets it.
 
-    def __init__(self, config: DriverConfig | None = None):
+    motion : what chooses the arc while driving to the target; recoveries are the dynamic window's own
+    """
+
+    def __init__(self, config: DriverConfig | None = None, motion: Motion | None = None):
         self.config = config or DriverConfig()
+        self.motion = motion or WeighedMotion()
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, as for a new goal."""
+        self.motion.reset()
         self.state = State.DRIVE
         self._reason = ""
         self._entered: _Mark | None = None
@@ -123,6 +143,7 @@ class Driver:
         """The command toward `target` (world), slowing down as the percept's goal comes near."""
         self._remember(percept)
         self._learn_slip(percept.pose)
+        self.motion.see(percept)
         around = Surroundings(percept.obstacle_points, percept.moving, ground)
         if self._recoveries > self.config.recoveries:
             return Driven(Twist(), None, "stuck: no way on after many attempts", stuck=True)
@@ -141,7 +162,7 @@ class Driver:
         if percept.goal_distance <= self.config.goal_tolerance:
             self._progress = _Mark.of(percept)
             return Driven(Twist(), None, "at the goal")
-        rollout = self._arcs(percept, target, around)
+        rollout = self._arcs(percept, target, around, self.motion)
         if rollout.arcs.chosen >= 0:
             self._blocked_since = None
             if self._moves_on(percept):
@@ -150,7 +171,7 @@ class Driver:
         if self._blocked_since is None:
             self._blocked_since = percept.time_s
         reason = _main_reason(rollout.arcs)
-        evasion = _evasion(rollout)
+        evasion = evasive_arc(rollout, percept.moving, self.config.dwa.horizon)
         if evasion >= 0:
             arcs = replace(rollout.arcs, chosen=evasion)
             return Driven(_command(arcs), arcs, "giving way to something that moves")
@@ -171,19 +192,16 @@ class Driver:
     def _expected_slip(self) -> Slip:
         return NO_SLIP if self._squeezes else self._slip
 
-    def _arcs(self, percept: Percept, target: tuple[float, float], around: Surroundings) -> Rollout:
-        dwa = self._dwa
-        slowing = math.sqrt(2.0 * self.config.deceleration * percept.goal_distance)
-        max_speed = float(np.clip(slowing, self.config.slowest, dwa.max_speed))
-        # Arcs much longer than the way to the target would rather crawl than end beyond it.
-        reach = math.dist(target, (percept.pose.x, percept.pose.y))
-        horizon = float(np.clip(0.95 * reach / max_speed, self.config.shortest_horizon, dwa.horizon))
-        v, w = candidates(dwa, percept.twist)
-        # What stands beside the goal must not keep the robot from it.
-        near = min(1.0, percept.goal_distance / dwa.clearance_reach)
-        weights = replace(dwa.weights, clearance=near * dwa.weights.clearance)
-        dwa = replace(dwa, horizon=horizon, weights=weights)
-        return evaluate(dwa, v, w, percept.pose, target, around, max_speed, self._expected_slip)
+    def _arcs(
+        self, percept: Percept, target: tuple[float, float], around: Surroundings, motion: Motion
+    ) -> Rollout:
+        dwa, max_speed = approach(self.config, self._dwa, percept.pose, target, percept.goal_distance)
+        rollout = motion.arcs(dwa, percept, target, around, max_speed, self._expected_slip)
+        if rollout.arcs.chosen < 0 and crowded(rollout):
+            dwa = replace(dwa, moving_margin=self.config.close_margin)
+            closer = motion.arcs(dwa, percept, target, around, max_speed, self._expected_slip)
+            return closer if closer.arcs.chosen >= 0 else rollout
+        return rollout
 
     def _words(self, percept: Percept) -> str:
         return f"driving to the goal, {percept.goal_distance:.1f} m left"
@@ -290,7 +308,8 @@ class Driver:
         error = float(wrap_angle(self._direction - percept.pose.yaw))
         if abs(error) > 0.25 and not self._spent(percept):
             rate = math.copysign(min(1.0, 0.3 + abs(error)), error)
-            for w in (rate, -rate):
+            _, _, slowest, fastest = window(self.config.dwa, percept.twist)
+            for w in (min(max(wanted, slowest), fastest) for wanted in (rate, -rate)):
                 rollout = evaluate(
                     replace(self._dwa, horizon=1.0),
                     np.zeros(1), np.array([w]), percept.pose, target, around, slip=self._expected_slip,
@@ -305,11 +324,28 @@ class Driver:
         entered = self._entered
         gone = 0.0 if entered is None else entered.distance(percept)
         if gone < self.config.leaving and not self._spent(percept) and self._moves_on(percept):
-            rollout = self._arcs(percept, _ahead(percept, self._direction, 1.5), around)
+            ahead = _ahead(percept, self._direction, 1.5)
+            rollout = self._arcs(percept, ahead, around, WeighedMotion())
             if rollout.arcs.chosen >= 0:
                 return Driven(_command(rollout.arcs), rollout.arcs, f"leaving a dead end: {self._reason}")
         self._enter(State.DRIVE, percept)
         return Driven(Twist(), None, self._words(percept))
+
+
+def approach(
+    config: DriverConfig, dwa: DwaConfig, pose: Pose, target: tuple[float, float], goal_distance: float
+) -> tuple[DwaConfig, float]:
+    """The window's settings for a target (world) on the way to a goal so many metres off, and the speed m/s
+    at which the robot may come near it."""
+    slowing = math.sqrt(2.0 * config.deceleration * goal_distance)
+    max_speed = float(np.clip(slowing, config.slowest, dwa.max_speed))
+    # Arcs much longer than the way to the target would rather crawl than end beyond it.
+    reach = math.dist(target, (pose.x, pose.y))
+    horizon = float(np.clip(0.95 * reach / max_speed, config.shortest_horizon, dwa.horizon))
+    # What stands beside the goal must not keep the robot from it.
+    near = min(1.0, goal_distance / dwa.clearance_reach)
+    weights = replace(dwa.weights, clearance=near * dwa.weights.clearance)
+    return replace(dwa, horizon=horizon, weights=weights), max_speed
 
 
 def _corridors(percept: Percept, bearings: np.ndarray, half_width: float, reach: float) -> np.ndarray:
@@ -348,9 +384,22 @@ def _main_reason(arcs: Arcs) -> str:
     return f"no admissible arc, {_REASONS[Rejection(int(np.argmax(counts)))]}"
 
 
-def _evasion(rollout: Rollout) -> int:
-    """The arc that something moving meets latest, -1 where nothing that moves is in the way."""
-    threatened = rollout.arcs.rejection == Rejection.MOVING_OBSTACLE
-    if not threatened.any():
+def crowded(rollout: Rollout) -> bool:
+    """Whether something that moves bars an arc."""
+    return bool((rollout.arcs.rejection == Rejection.MOVING_OBSTACLE).any())
+
+
+def evasive_arc(rollout: Rollout, moving: Sequence[TrackedObstacle], seconds: float) -> int:
+    """The arc that something moving meets latest, of several the one that is farthest from all by the end of
+    its `seconds`; -1 where nothing that moves is in the way."""
+    if not crowded(rollout):
         return -1
-    return int(np.argmax(np.where(threatened, rollout.free_time - 0.01 * np.abs(rollout.arcs.v), -np.inf)))
+    threatened = rollout.arcs.rejection == Rejection.MOVING_OBSTACLE
+    latest = rollout.free_time[threatened].max()
+    arcs = np.flatnonzero(threatened & (rollout.free_time >= latest - 1e-9))
+    x, y, _ = rollout.arcs.poses[arcs, -1].T
+    away = np.full(len(arcs), np.inf)
+    for thing in moving:
+        then_x, then_y = thing.x + seconds * thing.vx, thing.y + seconds * thing.vy
+        away = np.minimum(away, np.hypot(x - then_x, y - then_y) - thing.radius)
+    return int(arcs[np.argmax(away)])

@@ -14,6 +14,7 @@ import numpy as np
 
 from planner.dwa_kernel import roll_out
 from planner.frames import Arcs, Rejection, TrackedObstacle
+from planner.tracking import outline_discs
 from scenes.pose import Pose, Twist
 from scenes.robot import HUSKY
 
@@ -239,5 +240,5 @@ def evaluate(
 
 def _discs(config: DwaConfig, moving: tuple[TrackedObstacle, ...]) -> np.ndarray:
     reach = config.footprint.radius + config.moving_margin
-    discs = [(m.x, m.y, m.vx, m.vy, m.radius + reach) for m in moving]
+    discs = [(x, y, m.vx, m.vy, radius + reach) for m in moving for x, y, radius in outline_discs(m)]
     return np.array(discs, dtype=float).reshape(-1, 5)

@@ -18,6 +18,7 @@ FORGET_AFTER = 1.0  # seconds
 MIN_POINTS = 3
 ACCELERATION_SIGMA = 1.0  # m/s²: how briskly people and vehicles change their velocity
 FIRST_SPEED_SIGMA = 1.5
+FACING_SPEED = 0.5  # m/s from which a track's velocity tells where a vehicle faces
 POSITION_SIGMA = {ObstacleKind.PERSON: 0.08, ObstacleKind.VEHICLE: 0.4}
 
 
@@ -52,6 +53,18 @@ def locate(object_id: int, kind: ObstacleKind, points: np.ndarray, sensor: np.nd
     aside = 0.5 * (across.min() + across.max())
     x, y = sensor[:2] + depth * ahead + aside * np.array([-ahead[1], ahead[0]])
     return Sighted(object_id, kind, float(x), float(y))
+
+
+def outline_discs(obstacle: TrackedObstacle) -> list[tuple[float, float, float]]:
+    """x, y and radius of discs that hold its outline: one for who is round or stands, and for a vehicle on
+    its way three along it, for it faces where it goes."""
+    speed = math.hypot(obstacle.vx, obstacle.vy)
+    if obstacle.kind is not ObstacleKind.VEHICLE or speed < FACING_SPEED:
+        return [(obstacle.x, obstacle.y, obstacle.radius)]
+    length, width, _ = OBSTACLE_SIZES[obstacle.kind]
+    third, radius = length / 3.0, math.hypot(length / 6.0, 0.5 * width)
+    ahead_x, ahead_y = third * obstacle.vx / speed, third * obstacle.vy / speed
+    return [(obstacle.x + k * ahead_x, obstacle.y + k * ahead_y, radius) for k in (-1, 0, 1)]
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ class CoverNavPaper:
     def __init__(self, weights: Path = POLICY, config: PaperConfig | None = None):
         self.config = config or PaperConfig()
         self._weights = weights
-        self._driver = Driver(self.config.driver)
+        self.driver = Driver(self.config.driver)
         self._plan: _Plan | None = None
         self._load()
 
@@ -79,7 +79,7 @@ class CoverNavPaper:
         torch.set_num_threads(1)
 
     def reset(self) -> None:
-        self._driver.reset()
+        self.driver.reset()
         self._plan = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class CoverNavPaper:
             plan = self._plan = self._make_plan(percept)
         waypoint = self._waypoint(percept, plan.points)
         ground = ground_near(percept.grid, percept.pose.x, percept.pose.y, GROUND_REACH, self.config.cost)
-        driven = self._driver.drive(percept, waypoint, ground)
+        driven = self.driver.drive(percept, waypoint, ground)
         return Decision(
             driven.command, waypoint, plan.points, plan.patch, driven.arcs,
             cover_id=best_cover(percept),

@@ -17,15 +17,15 @@ class PlainDwa:
     name = "dwa"
 
     def __init__(self, config: DriverConfig | None = None):
-        self._driver = Driver(config)
+        self.driver = Driver(config)
         self._cost = CostConfig()
 
     def reset(self) -> None:
-        self._driver.reset()
+        self.driver.reset()
 
     def decide(self, percept: Percept) -> Decision:
         ground = ground_near(percept.grid, percept.pose.x, percept.pose.y, GROUND_REACH, self._cost)
-        driven = self._driver.drive(percept, percept.goal, ground)
+        driven = self.driver.drive(percept, percept.goal, ground)
         return Decision(
             driven.command,
             waypoint=percept.goal,

@@ -66,12 +66,12 @@ class LeastCost:
 
     def __init__(self, config: LeastCostConfig | None = None):
         self.config = config or LeastCostConfig()
-        self._driver = Driver(self.config.driver)
+        self.driver = Driver(self.config.driver)
         self._plan: Plan | None = None
         self._no_route_since: float | None = None
 
     def reset(self) -> None:
-        self._driver.reset()
+        self.driver.reset()
         self._plan = None
         self._no_route_since = None
 
@@ -85,7 +85,7 @@ class LeastCost:
         rest = self._rest_of_route(percept, plan)
         waypoint = self._waypoint(percept, plan, rest)
         ground = ground_near(percept.grid, percept.pose.x, percept.pose.y, GROUND_REACH, self.config.cost)
-        driven = self._driver.drive(percept, waypoint, ground)
+        driven = self.driver.drive(percept, waypoint, ground)
         return Decision(
             driven.command, waypoint, rest, plan.patch, driven.arcs,
             cover_id=best_cover(percept),

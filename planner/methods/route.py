@@ -100,7 +100,7 @@ class FollowRoute:
     def __init__(self, name: str, choose: Choice, config: FollowConfig | None = None):
         self.name, self._choose = name, choose
         self.config = config or FollowConfig()
-        self._driver = Driver(self.config.driver)
+        self.driver = Driver(self.config.driver)
         self._planner: CovertPlanner | None = None
         self._recoveries = 0
         self.reset()
@@ -111,7 +111,7 @@ class FollowRoute:
         self._places = np.zeros((0, 2))
 
     def reset(self) -> None:
-        self._driver.reset()
+        self.driver.reset()
         if self._planner is not None and self._recoveries:
             self._planner.shun_nothing()
         self._places = np.zeros((0, 2))
@@ -133,7 +133,7 @@ class FollowRoute:
             return Decision(Twist(), percept.goal, self._places[self._at :], note=waits)
         waypoint = self._waypoint(percept, rest)
         ground = ground_near(percept.grid, percept.pose.x, percept.pose.y, GROUND_REACH, self.config.cost)
-        driven = self._driver.drive(percept, waypoint, ground)
+        driven = self.driver.drive(percept, waypoint, ground)
         return Decision(
             driven.command, waypoint, rest, None, driven.arcs,
             cover_id=best_cover(percept),
@@ -143,7 +143,7 @@ class FollowRoute:
     def _keep_route(self, percept: Percept) -> None:
         """Advance along the route, or plan one where there is none or it is lost."""
         here, ahead = np.array([percept.pose.x, percept.pose.y]), self._places[:0]
-        recoveries, self._recoveries = self._recoveries, self._driver.recoveries
+        recoveries, self._recoveries = self._recoveries, self.driver.recoveries
         failed = len(self._places) > 0 and max(recoveries, self.config.failed - 1) < self._recoveries
         if len(self._places):
             ahead = self._places[self._at : self._at + round(3.0 / self.config.spacing)]
