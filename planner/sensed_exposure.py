@@ -1,8 +1,8 @@
 """What the observers that the robot knows see of it, as far as its own map tells.
 
 The map's ground and what stands or hangs over it (`GridMap.span`) take the place of the
-true scene. What the map does not know hides nothing. What a thing lets through is told by the class of the
-cover object that the camera has found there.
+true scene. What the map does not know hides nothing, but for what a class of cover object tells that the
+camera has found: how much light a thing lets through, and that it has a back where the map has its face.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 from scipy.ndimage import label
 
 from planner.elevation_map import without_gaps
-from planner.frames import GridMap, Percept
+from planner.frames import CoverEstimate, GridMap, Percept
 from planner.hull_exposure import over_hull
 from planner.line_of_sight import View
 from planner.sensed_exposure_kernel import light_from
-from scenes.catalogue import CATALOGUE
+from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.robot import HUSKY
 from scenes.scenario import Observer
 
@@ -28,6 +28,13 @@ BEAT_TIMES = (0.0, 4.0, 8.0, 12.0, 16.0, 20.0)
 """Seconds from now at which a patrol is looked for; the exposure is the mean over them."""
 
 BESIDE = 0.3  # metres outside a cover object's outline where returns are still its own
+
+DEPTH = 0.6
+"""Shares of a class's usual width that an object reaches from its middle, where its own width does not say
+less: only its face shows, and a front alone would cast the shadow of a screen."""
+
+HOLLOW = frozenset({CoverKind.TREE, CoverKind.FENCE})
+"""Kinds that do not fill their outline from the ground up."""
 
 
 def sensed_exposure(percept: Percept) -> np.ndarray:
@@ -82,17 +89,40 @@ def occluders(percept: Percept) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for thing in percept.cover:
         radius = 0.5 * thing.width + BESIDE
         row, col = _span(thing.y - grid.y_min, radius, grid, 0), _span(thing.x - grid.x_min, radius, grid, 1)
-        near = (thing.y - grid.y_min - row[:, None] * grid.resolution) ** 2
-        near = near + (thing.x - grid.x_min - col * grid.resolution) ** 2 <= radius**2
+        away = (thing.y - grid.y_min - row[:, None] * grid.resolution) ** 2
+        away = away + (thing.x - grid.x_min - col * grid.resolution) ** 2
         block = np.ix_(row, col)
-        its = near & there[block]
+        its = (away <= radius**2) & there[block]
         # The beams end below the top of what is near and high; the camera has seen how high it is.
         high[block] = np.where(its, np.maximum(high[block], thing.z + thing.height), high[block])
         counts = np.bincount(blobs[block][its], minlength=1)
         if counts.any():
             whole = blobs == int(np.argmax(counts))
             opacity[whole] = np.minimum(opacity[whole], CATALOGUE[thing.kind].opacity)
+        if thing.kind not in HOLLOW:
+            _fill(thing, block, away, (low, high, opacity))
     return low, high, opacity
+
+
+def _fill(
+    thing: CoverEstimate,
+    block: tuple[np.ndarray, ...],
+    away: np.ndarray,
+    layers: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    """Let an object stand where it must be, seen or not.
+
+    away : of the block's cells from its middle, metres squared; layers : as `occluders` returns them
+    """
+    entry, (low, high, opacity) = CATALOGUE[thing.kind], layers
+    inside = away <= min(DEPTH * entry.width.usual, 0.5 * thing.width) ** 2
+    its_low, its_high, its_opacity = low[block], high[block], opacity[block]
+    new = inside & ~(its_high > its_low)
+    its_opacity[new] = entry.opacity
+    its_high[inside] = np.where(new, -np.inf, its_high)[inside]
+    its_high[inside] = np.maximum(its_high[inside], thing.z + thing.height)
+    its_low[inside] = -np.inf
+    low[block], high[block], opacity[block] = its_low, its_high, its_opacity
 
 
 def _span(offset: float, radius: float, grid: GridMap, axis: int) -> np.ndarray:

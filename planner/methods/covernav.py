@@ -31,6 +31,8 @@ class CoverNavConfig:
     """
 
     weights: tuple[float, ...] = (2.0, 6.0, 15.0, 40.0)
+    nearby: float = 1.7
+    halvings: int = 2
     longest: float = 2.0
     detour: float = 1.2
     length_share: float = 0.03
@@ -73,6 +75,7 @@ class CoverNav(LeastCost):
         self._begun_m: float | None = None
         self._driven, self._last = 0.0, None
         self._terms: _Terms | None = None
+        self._weight: float | None = None
 
     def decide(self, percept: Percept) -> Decision:
         here = (percept.pose.x, percept.pose.y)
@@ -106,15 +109,28 @@ class CoverNav(LeastCost):
         # Were only the exposure to grow dear, the way would hug obstacles that the dynamic window keeps off.
         bad = seen + np.minimum(cost_map.total, 100.0) / 100.0
         best, best_cost, least = shortest, cost, terms.burden(shortest.cells)
-        for weight in self.covert.weights:
+        low, high, tries = 0.5, math.inf, self._tries()
+        while tries:
+            weight = tries.pop(0)
             dearer = cost + weight * bad
             route = least_cost_route(dearer, cost_map.resolution, start, goal)
             if not route.found or _length(cost_map, route.cells, percept.goal) > allowed:
-                break
-            burden = terms.burden(route.cells)
-            if burden < least:
-                best, best_cost, least = route, dearer, burden
+                first, high = math.isinf(high), weight
+                tries = self.covert.halvings * [0.0] if first else tries
+            else:
+                low = max(low, weight)
+                burden = terms.burden(route.cells)
+                if burden < least:
+                    best, best_cost, least, self._weight = route, dearer, burden, weight
+            if tries and math.isfinite(high):
+                tries[0] = math.sqrt(low * high)
         return best, best_cost, patch
+
+    def _tries(self) -> list[float]:
+        """Weights, ascending: all at first, then those about the one whose route was taken last."""
+        if self._weight is None:
+            return list(self.covert.weights)
+        return [self._weight / self.covert.nearby, self._weight, self._weight * self.covert.nearby]
 
     def _keep_old(self, percept: Percept, plan: Plan, route: Route) -> Plan:
         """Along the old route unless the new one spares enough."""

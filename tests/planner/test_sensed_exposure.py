@@ -78,6 +78,23 @@ def test_a_bush_that_the_camera_knows_lets_its_share_of_light_through() -> None:
     assert through == pytest.approx(1.0 - CATALOGUE[CoverKind.BUSH].opacity, abs=1e-6)
 
 
+def test_a_vehicle_of_which_only_the_face_is_mapped_has_a_back() -> None:
+    north = EAST.model_copy(update={"x": 3.0, "y": 7.0})
+    grid = standing(grid_map(), lambda x, y: (abs(x - 2.2) < 0.15) & (abs(y) < 2.0))
+    vehicle = CoverEstimate(1, CoverKind.DISABLED_VEHICLE, 3.0, 0.0, 0.0, 4.0, 1.7, 0.9)
+    seen, faced = (sensed_exposure(known(grid, north, cover=cover)) for cover in ([vehicle], []))
+    assert at(faced, grid, 3.0, -1.8) == pytest.approx(1.0, abs=0.05)
+    assert at(seen, grid, 3.0, -1.8) < 0.2
+    assert at(seen, grid, 6.0, -1.8) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("kind", [CoverKind.TREE, CoverKind.FENCE])
+def test_trees_and_fences_are_where_they_are_mapped_alone(kind: CoverKind) -> None:
+    thing = CoverEstimate(1, kind, 3.0, 0.0, 0.0, 4.0, 1.7, 0.9)
+    grid = grid_map()
+    assert at(sensed_exposure(known(grid, EAST, cover=[thing])), grid, 0.0, 0.0) == 1.0
+
+
 def test_out_of_range_and_out_of_the_field_of_view_nothing_is_seen() -> None:
     grid = grid_map()
     near = sensed_exposure(known(grid, EAST.model_copy(update={"range": 5.0})))
