@@ -8,12 +8,13 @@ here boxes are sorted, 0.85 means something, and positions are in the world.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from planner.frames import Detection
+from planner.mask_kernel import masks, medians
 from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.pose import Pose
 from scenes.rays import Body, BodyKind
@@ -55,11 +56,28 @@ def sight(
     half of what its class usually is), for only its near face is seen; z is that of its lowest pixels.
     Each object that is judged draws twice from `rng`, whether it is missed or not.
     """
-    found = (
-        _sighting(image, body, pixels, pose_world_base, frame_id, rng)
-        for body, pixels in _masks(image, bodies)
+    cover = np.array([body.kind is BodyKind.COVER for body in bodies])
+    boxes, counts, depths, hidden, pixels, begins, lowest = masks(
+        image.body, image.depth, cover, MIN_PIXELS, SAMPLES
     )
-    return tuple(sighting for sighting in found if sighting is not None)
+    found, places = [], []
+    measured = zip(boxes.tolist(), counts.tolist(), depths.tolist(), hidden.tolist(), strict=True)
+    for index, ((label, *box), count, depth, share) in enumerate(measured):
+        mask = _Mask(bodies[label], *box, count, depth, share)
+        confidence = _judged(image, mask, rng)
+        if confidence is not None:
+            found.append((mask, confidence))
+            places += [pixels[begins[index] : begins[index + 1]], lowest[index]]
+    if not found:
+        return ()
+    points = pose_world_base.to_world(
+        image.points_body(*np.divmod(np.concatenate(places), image.intrinsics.width))
+    )
+    middles = medians(points, np.cumsum([0, *map(len, places)]))
+    return tuple(
+        _sighting(image, mask, confidence, face[:2], float(foot[2]), pose_world_base, frame_id)
+        for (mask, confidence), face, foot in zip(found, middles[::2], middles[1::2], strict=True)
+    )
 
 
 def looked_through(
@@ -80,71 +98,73 @@ def looked_through(
     return tuple(gone)
 
 
-def _masks(image: CameraImage, bodies: Sequence[Body]) -> Iterator[tuple[Body, np.ndarray]]:
-    """Each cover object in the image with its pixels, as ascending indices into the flattened image."""
-    cover = np.array([*(body.kind is BodyKind.COVER for body in bodies), False])
-    labels = image.body.ravel()
-    pixels = np.flatnonzero(cover[labels])
-    order = np.argsort(labels[pixels].astype(np.uint16), kind="stable")
-    pixels = pixels[order]
-    borders = np.flatnonzero(np.diff(labels[pixels])) + 1
-    for mask in np.split(pixels, borders):
-        if len(mask) >= MIN_PIXELS:
-            yield bodies[int(labels[mask[0]])], mask
+@dataclass(frozen=True)
+class _Mask:
+    """An object's pixels in the image: box, how many they are, median depth (metres), and the share of the
+    box where something stands before it."""
+
+    body: Body
+    x_min: int
+    x_max: int
+    y_min: int
+    y_max: int
+    pixels: int
+    depth: float
+    hidden: float
+
+    def size(self, image: CameraImage) -> tuple[float, float]:
+        """Width and height in metres."""
+        return (
+            (self.x_max - self.x_min + 1) * self.depth / image.intrinsics.fx,
+            (self.y_max - self.y_min + 1) * self.depth / image.intrinsics.fy,
+        )
+
+    def cuts(self, image: CameraImage) -> tuple[bool, bool]:
+        """Whether the image's edge cuts it off in width and in height."""
+        return (
+            self.x_min == 0 or self.x_max == image.intrinsics.width - 1,
+            self.y_min == 0 or self.y_max == image.intrinsics.height - 1,
+        )
+
+
+def _judged(image: CameraImage, mask: _Mask, rng: np.random.Generator) -> float | None:
+    """The confidence in an object, None where it is ignored or missed."""
+    (width, height), (cut_wide, cut_high) = mask.size(image), mask.cuts(image)
+    # What the image's edge cuts off may be large: a cut side is not held against the object.
+    wide, high = max(width, HUSKY.width * cut_wide), max(height, HUSKY.height * cut_high)
+    if not CATALOGUE[_KINDS[mask.body.class_id]].conceals(wide, high, HUSKY.width, HUSKY.height):
+        return None
+    return _confidence(mask.depth, mask.pixels, cut_wide + cut_high, mask.hidden, rng)
 
 
 def _sighting(
-    image: CameraImage, body: Body, pixels: np.ndarray, pose: Pose, frame_id: int, rng: np.random.Generator
-) -> Sighting | None:
-    rows, cols = np.divmod(pixels, image.intrinsics.width)
-    x_min, x_max, y_min, y_max = int(cols.min()), int(cols.max()), int(rows[0]), int(rows[-1])
-    sample = slice(None, None, -(-len(pixels) // SAMPLES))
-    rows, cols = rows[sample], cols[sample]
-    depth = _median(image.depth[rows, cols])
-    width = (x_max - x_min + 1) * depth / image.intrinsics.fx
-    height = (y_max - y_min + 1) * depth / image.intrinsics.fy
-    cut_wide = x_min == 0 or x_max == image.intrinsics.width - 1
-    cut_high = y_min == 0 or y_max == image.intrinsics.height - 1
-    # What the image's edge cuts off may be large: a cut side is not held against the object.
-    wide, high = max(width, HUSKY.width * cut_wide), max(height, HUSKY.height * cut_high)
-    kind = _KINDS[body.class_id]
-    if not CATALOGUE[kind].conceals(wide, high, HUSKY.width, HUSKY.height):
-        return None
-    box = _thinned(y_min, y_max), _thinned(x_min, x_max)
-    before = (image.body[box] != body.index) & (image.depth[box] < depth - 0.5)
-    hidden = np.count_nonzero(before) / before.size
-    confidence = _confidence(depth, len(pixels), cut_wide + cut_high, hidden, rng)
-    if confidence is None:
-        return None
-    x, y = _position(pose.to_world(image.points_body(rows, cols)), kind, width, pose.position)
-    lowest = np.divmod(pixels[-5:], image.intrinsics.width)
-    z = _median(pose.to_world(image.points_body(*lowest))[:, 2])
-    corners = tuple((float(u), float(v)) for u in (x_min, x_max) for v in (y_min, y_max))
+    image: CameraImage,
+    mask: _Mask,
+    confidence: float,
+    middle: np.ndarray,
+    z: float,
+    pose: Pose,
+    frame_id: int,
+) -> Sighting:
+    """middle : (2,) of the near face that shows, in the world; z : of its lowest pixels"""
+    body, kind = mask.body, _KINDS[mask.body.class_id]
+    width, height = mask.size(image)
+    x, y = _position(middle, kind, width, pose.position)
+    across, down = (mask.x_min, mask.x_max), (mask.y_min, mask.y_max)
+    corners = tuple((float(u), float(v)) for u in across for v in down)
     detection = Detection(
         frame_id, body.class_id, body.class_name, confidence,
-        float(x_min), float(y_min), float(x_max), float(y_max), body.id, x, y, z, corners,
-    )
+        float(across[0]), float(down[0]), float(across[1]), float(down[1]), body.id, x, y, z, corners,
+    )  # fmt: skip
     return Sighting(detection, kind, width, height)
 
 
-def _thinned(first: int, last: int) -> slice:
-    """About twenty of the pixels from first to last."""
-    return slice(first, last + 1, max((last - first) // 20, 1))
-
-
-def _position(points: np.ndarray, kind: CoverKind, width: float, robot: np.ndarray) -> tuple[float, float]:
-    """Where an object is whose near face shows world `points` (n, 3) to a robot at (3,)."""
-    middle = np.array([_median(points[:, 0]), _median(points[:, 1])])
+def _position(middle: np.ndarray, kind: CoverKind, width: float, robot: np.ndarray) -> tuple[float, float]:
+    """Where an object is whose near face has its middle (2,) there, to a robot at (3,)."""
     view = middle - robot[:2]
     behind = 0.5 * min(width, CATALOGUE[kind].width.usual)
     middle = middle + behind * view / max(float(np.hypot(*view)), 1e-6)
     return float(middle[0]), float(middle[1])
-
-
-def _median(values: np.ndarray) -> float:
-    """As `numpy.median`, which takes five times as long over the few numbers of a mask."""
-    ordered, half = np.sort(values), len(values) // 2
-    return float(ordered[half] if len(values) % 2 else (ordered[half - 1] + ordered[half]) / 2)
 
 
 def _confidence(

@@ -1,4 +1,4 @@
-"""What a lidar turn looks through is taken from the elevation map, whose cells `planner.elevation_kernels` has."""
+"""What a lidar turn looks through is taken from the map whose cells `planner.elevation_kernels` describes."""
 
 from __future__ import annotations
 

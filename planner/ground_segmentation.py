@@ -27,6 +27,7 @@ EXPECTED_SLOPE = 0.1  # by which the ground may differ from what is expected of 
 OVERHANG = 0.5  # a flank does not lean out farther
 GROUND_RANGE = 15.0  # farther away, beams are too far apart to tell ground from what stands there
 FOOT = 0.5  # the robot stands on the ground at least this far about its middle
+_ROUNDING = 1e-6  # metres
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,15 @@ def _segment_column(distance, height, mast, ground_d, ground_z, labels, expected
     known = 2
     foot_d, foot_z = -1.0, 0.0
     last = -1
-    for i in range(len(height)):
+    beams = len(height)
+    # How high each return lies over a slope as steep as ground can be: the least of those below, the greatest
+    # of those above. Most returns need no further look at either.
+    above = np.empty(beams + 1)
+    above[beams], below_least = -np.inf, np.inf
+    for i in range(beams - 1, -1, -1):
+        over = height[i] - GROUND_SLOPE * distance[i]
+        above[i] = max(above[i + 1], over) if over == over else above[i + 1]
+    for i in range(beams):
         if np.isnan(height[i]):
             continue
         d, z = distance[i], height[i]
@@ -109,9 +118,13 @@ def _segment_column(distance, height, mast, ground_d, ground_z, labels, expected
             anchor -= 1
         climbs = z - ground_z[anchor] > GROUND_SLOPE * max(d - ground_d[anchor], 0.0) + TOLERANCE
         hidden_ground = foot_d >= 0.0 and z > foot_z + REGAINED_SLOPE * max(d - foot_d, 0.0) + 0.1
-        if climbs or hidden_ground or _steep_below(i, distance, height):
+        over = z - GROUND_SLOPE * d
+        rises = over - TOLERANCE > below_least - _ROUNDING
+        rises_on = above[i + 1] > over + TOLERANCE - _ROUNDING
+        below_least = min(below_least, over)
+        if climbs or hidden_ground or (rises and _steep_below(i, distance, height)):
             labels[i] = STANDING
-        elif _steep_above(i, distance, height):
+        elif rises_on and _steep_above(i, distance, height):
             # The lowest return from a flank: it may lie on the flank or on the ground before it.
             doubt = EXPECTED_SLOPE * (d - ground_d[known - 1])
             labels[i] = STANDING if z - below > RISE + doubt else UNCLEAR

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from planner.cover import CoverMemory
 from planner.detection import looked_through, sight
@@ -120,7 +121,7 @@ class Perceiver:
         sensor = estimate.compose(self._lidar.config.mount)
         kinds = {obstacle.id: obstacle.kind for obstacle in self._scenario.obstacles}
         sighted = []
-        for body in rays.bodies:
+        for body in rays.walkers:
             if body.kind is BodyKind.OBSTACLE and body.id in kinds:
                 seen = locate(body.id, kinds[body.id], world[cloud.body == body.index], sensor.position)
                 sighted += [] if seen is None else [seen]
@@ -201,7 +202,9 @@ def obstacle_distances(points: np.ndarray, pose: Pose) -> np.ndarray:
 
 def _still(rays: RayScene) -> np.ndarray:
     """By body label, whether its returns belong in the map; the last element answers for a miss, -1."""
-    return np.array([body.kind is not BodyKind.OBSTACLE for body in rays.bodies] + [False])
+    still = np.ones(len(rays.bodies) + 1, bool)
+    still[[body.index for body in rays.walkers if body.kind is BodyKind.OBSTACLE] + [-1]] = False
+    return still
 
 
 def lidar_scan(
@@ -209,20 +212,46 @@ def lidar_scan(
 ) -> Scan:
     """The cloud in its turn's order, at world points (n, 3), without what moves."""
     points = np.full((config.azimuths, config.beams, 3), np.nan)
-    kept = still[cloud.body]
-    points[cloud.column[kept], cloud.beam[kept]] = world[kept]
+    _put_in_order(points, world, still, cloud.body, cloud.column, cloud.beam)
     elevations = np.linspace(config.lowest, config.highest, config.beams)
     return Scan(points, sensor, elevations, range_sigma=max(config.noise, 0.02))
 
 
+@njit(cache=True)
+def _put_in_order(points, world, still, body, column, beam):
+    """Write the returns (n, 3) of what stays in place to where they belong in the turn."""
+    for i in range(len(body)):
+        if still[body[i]]:
+            points[column[i], beam[i]] = world[i]
+
+
 def _depth_scan(image: CameraImage, still: np.ndarray, estimate: Pose) -> Scan:
     """A thinned depth image as a scan: a column of pixels is one azimuth, its lowest pixel the first beam."""
-    height, width = image.depth.shape
-    cols, rows = np.arange(0, width, PIXEL_STRIDE), np.arange(height - 1, -1, -PIXEL_STRIDE)
-    col, row = (index.ravel() for index in np.meshgrid(cols, rows, indexing="ij"))
-    points = estimate.to_world(image.points_body(row, col))
-    usable = (image.depth[row, col] <= MAPPED_DEPTH) & still[image.body[row, col]]
-    points[~usable] = np.nan
-    wet = image.surface[row, col] == SURFACES.index(Surface.WATER)
-    shape = len(cols), len(rows)
-    return Scan(points.reshape(*shape, 3), estimate.compose(image.pose), wet=wet.reshape(shape))
+    k = image.intrinsics
+    points, wet = _thinned_depth(
+        image.depth, image.body, image.surface, still, np.array([k.fx, k.fy, k.cx, k.cy]), PIXEL_STRIDE,
+        np.float32(MAPPED_DEPTH), SURFACES.index(Surface.WATER),
+    )  # fmt: skip
+    world = estimate.to_world(image.pose.to_world(points.reshape(-1, 3)))
+    return Scan(world.reshape(points.shape), estimate.compose(image.pose), wet=wet)
+
+
+@njit(cache=True)
+def _thinned_depth(depth, body, surface, still, lens, stride, farthest, water):
+    """Every `stride`-th pixel in the camera's frame (columns, rows from below, 3), NaN where it shows nothing
+    that belongs in the map, and whether it shows water. lens : (4,) fx, fy, cx, cy"""
+    height, width = depth.shape
+    columns, rows = (width + stride - 1) // stride, (height + stride - 1) // stride
+    points, wet = np.empty((columns, rows, 3)), np.empty((columns, rows), np.bool_)
+    for c in range(columns):
+        col = c * stride
+        for r in range(rows):
+            row = height - 1 - r * stride
+            wet[c, r] = surface[row, col] == water
+            ahead = np.nan
+            if depth[row, col] <= farthest and still[body[row, col]]:
+                ahead = np.float64(depth[row, col])
+            points[c, r, 0] = ahead
+            points[c, r, 1] = ahead * (-(col - lens[2]) / lens[0])
+            points[c, r, 2] = ahead * (-(row - lens[3]) / lens[1])
+    return points, wet

@@ -15,6 +15,7 @@ from embreex.rtcore_scene import EmbreeScene
 Part = tuple[np.ndarray, np.ndarray]
 """A mesh: vertices (n, 3) and faces (m, 3)."""
 
+ANSWERS = ("tfar", "geomID", "primID", "Ng")
 RAYS_WORTH_A_THREAD = 4096
 _CORES = len(os.sched_getaffinity(0))
 
@@ -46,17 +47,15 @@ def first_hits(
     shares = min(_CORES, len(directions) // RAYS_WORTH_A_THREAD)
     if shares < 2:
         return tree.run(origins, directions, dists=reach, output=1)
-    parts = _pool().map(
-        lambda share: tree.run(*share[:2], dists=share[2], output=1),
-        zip(*(np.array_split(rays, shares) for rays in (origins, directions, reach)), strict=True),
-    )
-    answers = list(parts)
-    return {name: np.concatenate([answer[name] for answer in answers]) for name in answers[0]}
+    own, *others = zip(*(np.array_split(rays, shares) for rays in (origins, directions, reach)), strict=True)
+    waiting = [_pool().submit(tree.run, *rays[:2], dists=rays[2], output=1) for rays in others]
+    answers = [tree.run(*own[:2], dists=own[2], output=1), *(answer.result() for answer in waiting)]
+    return {name: np.concatenate([answer[name] for answer in answers]) for name in ANSWERS}
 
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_CORES, "rays")
+    return ThreadPoolExecutor(max(_CORES - 1, 1), "rays")  # one core is the asker's own
 
 
 os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not live on in a forked process

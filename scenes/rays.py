@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 import trimesh
+from numba import njit
 from trimesh.visual import ColorVisuals
 
 from scenes.catalogue import CATALOGUE
@@ -165,7 +166,8 @@ class RayScene:
         """
         directions = np.ascontiguousarray(directions, np.float32)
         eye = np.asarray(origins, np.float32)
-        origins = np.ascontiguousarray(np.broadcast_to(eye, directions.shape))
+        origins = np.empty_like(directions)
+        origins[:] = eye
         reach = np.full(len(origins), max_range, np.float32)
         answer = first_hits(self._scene, origins, directions, reach)
         distance, body = answer["tfar"], answer["geomID"]
@@ -175,10 +177,13 @@ class RayScene:
             distance[rays], body[rays] = found["tfar"], walker.body.index
             triangle[rays] = found["primID"]
             normal[rays] = found["Ng"] @ walker.pose.rotation.T.astype(np.float32)
-        miss = body < 0
-        distance[miss] = np.inf
-        normal[miss] = 0.0
+        _mark_misses(distance, body, normal)
         return Hits(distance, body, triangle, normal)
+
+    @property
+    def walkers(self) -> tuple[Body, ...]:
+        """The figures among the bodies."""
+        return self.bodies[len(self._static) :]
 
     @cached_property
     def colours(self) -> tuple[np.ndarray, np.ndarray]:
@@ -234,6 +239,15 @@ class RayScene:
                 reach[rays], body[rays] = found["tfar"], walker.body.index
         hidden = np.flatnonzero(body >= 0)
         return hidden, body[hidden], reach[hidden] + SIGHT_MARGIN
+
+
+@njit(cache=True)
+def _mark_misses(distance, body, normal):
+    """Write into the answers of n rays what `Hits` has for a miss."""
+    for i in range(len(body)):
+        if body[i] < 0:
+            distance[i] = np.inf
+            normal[i, 0] = normal[i, 1] = normal[i, 2] = 0.0
 
 
 def _lines(origins: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

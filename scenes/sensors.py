@@ -89,18 +89,33 @@ class Lidar:
         hits = rays.cast(origin, self.directions @ pose.rotation.T.astype(np.float32), config.max_range)
         # Every beam draws, so that the noise of one does not depend on what the others hit.
         noise = config.noise * rng.standard_normal(len(self.directions), dtype=np.float32)
-        heard = np.flatnonzero((hits.distance >= config.min_range) & (hits.body >= 0))
-        ranges = hits.distance[heard] + noise[heard]
-        points = config.mount.position + ranges[:, None] * self.directions[heard]
-        column, beam = np.divmod(heard.astype(np.int32), config.beams)
+        points, ranges, body, column, beam = cloud_kernel(
+            hits.distance, hits.body, noise, self.directions, config.mount.position,
+            np.float32(config.min_range), config.beams,
+        )  # fmt: skip
         return PointCloud(
-            pose.to_world(points).astype(np.float32),
-            points.astype(np.float32),
-            ranges,
-            hits.body[heard],
-            column,
-            beam,
+            pose.to_world(points).astype(np.float32), points.astype(np.float32), ranges, body, column, beam
         )
+
+
+@numba.njit(cache=True)
+def cloud_kernel(distance, body, noise, directions, mount, nearest, beams):
+    """The rays (n,) that hit something at `nearest` or farther: points (m, 3) float64 from the middle of the
+    sensor at `mount` (3,), ranges, bodies, columns and beams (m,), as `PointCloud` has them."""
+    count = 0
+    for i in range(len(distance)):
+        count += body[i] >= 0 and distance[i] >= nearest
+    points, ranges = np.empty((count, 3)), np.empty(count, np.float32)
+    hit, column, beam = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.int32)
+    k = 0
+    for i in range(len(distance)):
+        if body[i] >= 0 and distance[i] >= nearest:
+            ranges[k] = distance[i] + noise[i]
+            for axis in range(3):
+                points[k, axis] = mount[axis] + ranges[k] * directions[i, axis]
+            hit[k], column[k], beam[k] = body[i], i // beams, i % beams
+            k += 1
+    return points, ranges, hit, column, beam
 
 
 @dataclass(frozen=True)

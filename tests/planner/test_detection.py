@@ -5,9 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from vlp16 import ground, standing, thing
 
 from planner.detection import detect, looked_through, sight
+from planner.mask_kernel import masks, medians
 from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.pose import Pose
 from scenes.rays import RayScene
@@ -144,3 +147,44 @@ def test_an_empty_view_looks_past_near_places_and_says_nothing_of_far_ones():
     blank = replace(scene.image, depth=np.full_like(scene.image.depth, np.nan))
     places = [(1, np.array([6.0, 0.0, 0.5])), (2, np.array([19.0, 0.0, 0.5]))]
     assert looked_through(blank, places, scene.pose) == (1,)
+
+
+def plain_masks(body, depth, wanted, min_pixels, samples):
+    """The kernel's answers, mask by mask."""
+    for label in np.flatnonzero(wanted):
+        pixels = np.flatnonzero(body.ravel() == label)
+        if len(pixels) < min_pixels:
+            continue
+        rows, cols = np.divmod(pixels, body.shape[1])
+        chosen = pixels[:: math.ceil(len(pixels) / samples)]
+        middle = float(np.median(depth.ravel()[chosen]))
+        box = (label, cols.min(), cols.max(), rows.min(), rows.max())
+        thinned = tuple(slice(a, b + 1, max((b - a) // 20, 1)) for a, b in (box[3:], box[1:3]))
+        before = (body[thinned] != label) & (depth[thinned] < np.float32(middle - 0.5))
+        yield box, len(pixels), middle, before.mean(), chosen, pixels[-5:]
+
+
+@given(st.integers(0, 10_000), st.integers(5, 60), st.integers(4, 50))
+def test_the_masks_are_measured_as_their_plain_twin_has_it(seed, blocks, samples):
+    rng = np.random.default_rng(seed)
+    coarse = rng.integers(-1, 6, (blocks // 4 + 1, blocks // 3 + 1))
+    body = np.repeat(np.repeat(coarse, 5, axis=0), 7, axis=1).astype(np.int32)
+    body[rng.random(body.shape) < 0.2] = rng.integers(-1, 6)
+    depth = rng.uniform(1.0, 9.0, body.shape).astype(np.float32)
+    depth[body < 0] = np.nan
+    wanted = rng.random(6) < 0.8
+    boxes, counts, middles, hidden, pixels, begins, lowest = masks(body, depth, wanted, 12, samples)
+    plain = list(plain_masks(body, depth, wanted, 12, samples))
+    assert len(boxes) == len(plain)
+    for m, (box, count, middle, before, chosen, last) in enumerate(plain):
+        assert (tuple(boxes[m]), counts[m], middles[m], hidden[m]) == (box, count, middle, before)
+        np.testing.assert_array_equal(pixels[begins[m] : begins[m + 1]], chosen)
+        np.testing.assert_array_equal(lowest[m], last)
+
+
+@given(st.integers(0, 10_000), st.lists(st.integers(1, 30), min_size=1, max_size=6))
+def test_medians_of_stretches_are_those_of_numpy(seed, lengths):
+    begins = np.cumsum([0, *lengths])
+    values = np.random.default_rng(seed).normal(size=(begins[-1], 3))
+    plain = [np.median(part, axis=0) for part in np.split(values, begins[1:-1])]
+    np.testing.assert_array_equal(medians(values, begins), plain)
