@@ -102,6 +102,9 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="drive one mission without a server", allow_abbrev=False)
     run.add_argument("scenario", metavar="SCENARIO", help="a shipped name or a file")
     run.add_argument("--method", default="least_cost", metavar="NAME")
+    run.add_argument(
+        "--motion", choices=["dwa", "dwa_rl"], default="dwa", help="what chooses among the arcs"
+    )
     run.add_argument("--seed", type=_SEED, default=0)
     run.add_argument("--perception", choices=["lidar", "oracle"], default="lidar")
     run.add_argument("--goal", type=_METRE, nargs=2, metavar=("X", "Y"))
@@ -186,6 +189,8 @@ def _run(arguments: argparse.Namespace) -> None:
     scenario = _open(arguments.scenario)
     if arguments.goal:
         scenario = scenario.revised(goal=Point(x=arguments.goal[0], y=arguments.goal[1]))
+    if arguments.motion != "dwa":
+        arguments.method += f"+{arguments.motion}"
     _check_methods([arguments.method])
     warm_up()
     mission = Mission(
@@ -234,11 +239,15 @@ def _record(folder: Path, scenario: Any, summary: dict[str, Any], frames: list) 
 
 
 def _check_methods(names: Sequence[str]) -> None:
-    from planner.methods import METHODS
+    from planner.methods import METHODS, with_motion
 
     for name in names:
-        if name not in METHODS:
-            raise Refusal(f"there is no method {name!r}; choose one of {', '.join(METHODS)}")
+        try:
+            method, _ = with_motion(name)
+        except ValueError as error:
+            raise Refusal(str(error)) from None
+        if method not in METHODS:
+            raise Refusal(f"there is no method {method!r}; choose one of {', '.join(METHODS)}")
 
 
 def _list(_: argparse.Namespace) -> None:

@@ -22,7 +22,7 @@ from app.store import ScenarioEntry, Store
 from app.switchboard import Switchboard
 from app.timeline import Timeline
 from planner.frames import Frame, Perception, Status
-from planner.methods import METHODS
+from planner.methods import METHODS, with_motion
 from scenes.families import generate
 from scenes.robot import HUSKY
 from scenes.scenario import (
@@ -425,7 +425,11 @@ class Studio(Switchboard):
 
     def set_method(self, name: str, weights: Path | None = None) -> None:
         """Plan with another method from now on, the learned one with weights of a training where given."""
-        if name not in METHODS:
+        try:
+            method, _ = with_motion(name)
+        except ValueError as error:
+            raise StudioError(str(error), 404) from None
+        if method not in METHODS:
             raise StudioError(f"there is no method {name!r:.40}; choose one of {', '.join(METHODS)}", 404)
         self.method, self.weights = name, weights
         self._drive.worker.set_method(name, weights)

@@ -9,10 +9,15 @@ from typing import Any
 import numpy as np
 
 from planner.cover import detect_cover
+from planner.dwa import DwaConfig, window
 from planner.exposure_log import ExposureLog
 from planner.frames import Metrics, Percept, Perception, Status
 from scenes.catalogue import CATALOGUE
-from scenes.pose import Pose
+from scenes.pose import Pose, Twist
+
+LIMITS = DwaConfig()
+SLACK = 1e-6
+"""The Husky's limits, and by how much a command may seem to break them for the rounding of numbers."""
 
 BASE_TIME_LIMIT_S, TIME_LIMIT_PER_METRE = 30.0, 6.0
 
@@ -50,12 +55,22 @@ class Leg:
     metrics: Metrics = field(default_factory=Metrics)
     exposure: ExposureLog = field(default_factory=ExposureLog)
     planner_ms: list[float] = field(default_factory=list)
+    dynamic_violations: int = 0
     _last: Pose | None = None
     _ticks_in_cover: int = 0
 
     @property
     def straight_line_m(self) -> float:
         return math.hypot(self.goal[0] - self.start.x, self.goal[1] - self.start.y)
+
+    def command(self, command: Twist, twist: Twist) -> None:
+        """Count a command that the robot, moving with `twist`, cannot reach within a control period. To stand
+        still is none: it asks for the hardest braking that there is."""
+        v_low, v_high, w_low, w_high = window(LIMITS, twist)
+        reachable = (
+            v_low - SLACK <= command.v <= v_high + SLACK and w_low - SLACK <= command.w <= w_high + SLACK
+        )
+        self.dynamic_violations += not (reachable or command == Twist())
 
     def add(self, pose: Pose, covered: bool, collisions: int, planner_ms: float) -> None:
         """Count one tick: the true pose after it, Algorithm 1's answer, new contacts, planning time."""
@@ -99,4 +114,5 @@ class Leg:
             "policy": None,
             **self.exposure.details(),
             "elevation_gradient_m": self.metrics.elevation_gradient_m,
+            "dynamic_violations": self.dynamic_violations,
         }

@@ -14,7 +14,7 @@ import numpy as np
 from planner.frames import Decision, Frame, Metrics, Percept, Perception, Status, WalkerPose
 from planner.leg import Leg, in_cover, usual_time_limit
 from planner.line_of_sight import views_at, visible_fraction
-from planner.methods import DEFAULT_METHOD, Briefed, Learned, make_method
+from planner.methods import DEFAULT_METHOD, Briefed, Driving, Learned, make_method
 from planner.perception import Perceiver
 from scenes.physics import World
 from scenes.pose import Pose, Twist
@@ -172,6 +172,7 @@ class Mission:
         decision = self._decision
         if decision is None or self._tick - self._decided_tick >= self._ticks_per_decision:
             self._decision = decision = self._method.decide(percept)
+            self._leg.command(decision.command, percept.twist)
             self._decided_tick = self._tick
         return decision
 
@@ -241,11 +242,12 @@ class Mission:
 
     def summary(self) -> dict:
         """The present leg as `covernav run --json` has it."""
-        weights = self._method.policy if isinstance(self._method, Learned) else None
-        policy = None if weights is None else {"name": weights.name, "sha256": weights.sha256}
+        motion = self._method.driver.motion if isinstance(self._method, Driving) else None
+        learned = [each.policy for each in (self._method, motion) if isinstance(each, Learned)]
+        policies = [{"name": weights.name, "sha256": weights.sha256} for weights in learned]
         return self._leg.summary(
             self.scenario.name, self.method_name, self.perception, self.seed, self.status, self._world.time_s
-        ) | {"policy": policy}
+        ) | {"policy": policies[0] if policies else None, "motion": motion.name if motion else None}
 
     # --- changes while driving -------------------------------------------------------------------
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from planner.driver import Driver
 from planner.frames import Decision, Percept
 from planner.methods.covernav import CoverNav
 from planner.methods.dwa import PlainDwa
 from planner.methods.least_cost import LeastCost
 from planner.methods.route import FollowRoute, balanced, most_hidden, shortest
 from planner.methods.wary import Wary
+from planner.motion import MOTIONS, make_motion
 from scenes.rays import RayScene
 from scenes.scenario import Scenario
 
@@ -38,6 +40,13 @@ class Briefed(Protocol):
     def brief(self, scenario: Scenario, rays: RayScene) -> None:
         """Take over the true scenario; `rays` holds its ground and cover."""
         ...
+
+
+@runtime_checkable
+class Driving(Protocol):
+    """A method that leaves it to a driver to get to its waypoints; the driver's motion can be exchanged."""
+
+    driver: Driver
 
 
 class Weights(Protocol):
@@ -130,9 +139,30 @@ POLICIES = Path(__file__).parents[1] / "policies"
 
 def make_method(name: str, seed: int = 0, weights: Path | None = None) -> Method:
     """A fresh method by its name, with weights of a training instead of its own where given. `NAME@WEIGHTS`
-    gives them in the name: shipped ones by their name, others by their file.
+    gives them in the name: shipped ones by their name, others by their file. `NAME+MOTION` has the arcs of
+    the dynamic window chosen by another motion control than its own.
 
     Raises ValueError, naming those there are, for another name, and for weights that it does not take."""
+    name, motion = with_motion(name)
+    method = _planning(name, seed, weights)
+    if motion != MOTIONS[0]:
+        if not isinstance(method, Driving):
+            raise ValueError(f"the method {name} has no motion control that could be exchanged")
+        method.driver.motion = make_motion(motion)
+    return method
+
+
+def with_motion(name: str) -> tuple[str, str]:
+    """The method of a name, and its motion control. Raises ValueError for a motion that there is not."""
+    method, plus, motion = name.rpartition("+")
+    if not plus:
+        return name, MOTIONS[0]
+    if motion not in MOTIONS:
+        raise ValueError(f"there is no motion control {motion!r}; choose one of {', '.join(MOTIONS)}")
+    return method, motion
+
+
+def _planning(name: str, seed: int, weights: Path | None) -> Method:
     name, _, named = name.partition("@")
     if named and weights is None:
         shipped = POLICIES / f"{named}.safetensors"

@@ -17,6 +17,7 @@ KEYS = [
     *("exposure_fraction", "exposed_s", "longest_exposure_s", "detection_probability", "cover_fraction"),
     *("collisions", "max_roll_deg", "max_pitch_deg", "planner_ms_p50", "planner_ms_p95", "policy"),
     *("expected_detection_s", "concealed_fraction", "by_observer", "elevation_gradient_m"),
+    "dynamic_violations",
 ]
 
 
@@ -49,6 +50,14 @@ def test_only_reached_is_a_success():
     for status in Status:
         summary = leg().summary("meadow", "dwa", Perception.ORACLE, 0, status, 3.0)
         assert summary["success"] is (status is Status.REACHED)
+
+
+def test_commands_out_of_reach_are_counted_but_stops_are_not():
+    drive = leg()
+    for command in (Twist(0.3, 0.6), Twist(-0.3, -0.6), Twist(0.31, 0.0), Twist(0.0, -0.61)):
+        drive.command(command, Twist())
+    drive.command(Twist(), Twist(1.0, 0.0))
+    assert drive.dynamic_violations == 2
 
 
 def test_totals_follow_the_true_path():
