@@ -113,6 +113,7 @@ def fit(
     """Train for `epochs`, turning and mirroring the samples at random; yields the score on `held_out` after
     each. Adam, one cosine from `rate` to nothing, binary cross entropy against the true share."""
     rng = np.random.default_rng(seed)
+    network.to(memory_format=torch.channels_last)  # a third faster
     optimiser = torch.optim.Adam(network.parameters(), rate)
     rounds = -(-len(given) // batch)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, epochs * rounds)
@@ -125,7 +126,8 @@ def fit(
             stacked = _stacked([given[i] for i in some])
             layers, target, counts = (torch.from_numpy(turned(part, quarter, mirrored)) for part in stacked)
             optimiser.zero_grad()
-            losses = loss(network(layers), target[:, 0]) * counts[:, 0]
+            log_odds = network(layers.contiguous(memory_format=torch.channels_last))
+            losses = loss(log_odds, target[:, 0]) * counts[:, 0]
             (losses.sum() / counts.sum()).backward()
             optimiser.step()
             schedule.step()

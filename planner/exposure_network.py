@@ -33,7 +33,7 @@ CHANNELS = (
 LEAST = 0.02
 """Share of light that no log-odds go below, nor above one less it."""
 
-WIDTHS = (24, 48, 64)
+WIDTHS = (16, 32, 48)
 ARCHITECTURE = "exposure_unet"
 
 
