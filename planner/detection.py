@@ -8,7 +8,7 @@ here boxes are sorted, 0.85 means something, and positions are in the world.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +41,13 @@ class Sighting:
 def detect(
     image: CameraImage, bodies: Sequence[Body], pose_world_base: Pose, frame_id: int, rng: np.random.Generator
 ) -> tuple[Detection, ...]:
-    """The detections of `sight` alone, as in Listing 1."""
-    return tuple(s.detection for s in sight(image, bodies, pose_world_base, frame_id, rng))
+    """The detections of `sight` that Listing 1 has."""
+    return listed(sight(image, bodies, pose_world_base, frame_id, rng))
+
+
+def listed(sightings: Iterable[Sighting]) -> tuple[Detection, ...]:
+    """The detections of cover that can hide the robot; one sees through a fence."""
+    return tuple(s.detection for s in sightings if CATALOGUE[s.kind].opaque)
 
 
 def sight(
@@ -51,7 +56,7 @@ def sight(
     """Cover objects in one image, in the order of `bodies`, which the mask's labels index; the robot that
     took it stands at `pose_world_base`.
 
-    Objects that cannot hide the robot by their apparent size or their class are ignored. The position is
+    Objects too small, as they appear, to hide the robot are ignored. The position is
     the median of the mask's points, moved on along the view by half of what the object is wide (at most
     half of what its class usually is), for only its near face is seen; z is that of its lowest pixels.
     Each object that is judged draws twice from `rng`, whether it is missed or not.
@@ -62,8 +67,8 @@ def sight(
     )
     found, places = [], []
     measured = zip(boxes.tolist(), counts.tolist(), depths.tolist(), hidden.tolist(), strict=True)
-    for index, ((label, *box), count, depth, share) in enumerate(measured):
-        mask = _Mask(bodies[label], *box, count, depth, share)
+    for index, ((label, left, right, top, bottom), count, depth, share) in enumerate(measured):
+        mask = _Mask(bodies[label], (left, right), (top, bottom), count, depth, share)
         confidence = _judged(image, mask, rng)
         if confidence is not None:
             found.append((mask, confidence))
@@ -100,14 +105,12 @@ def looked_through(
 
 @dataclass(frozen=True)
 class _Mask:
-    """An object's pixels in the image: box, how many they are, median depth (metres), and the share of the
-    box where something stands before it."""
+    """An object's pixels in the image: their first and last column and row, how many they are, their median
+    depth in metres, and the share of the box where something stands before it."""
 
     body: Body
-    x_min: int
-    x_max: int
-    y_min: int
-    y_max: int
+    across: tuple[int, int]
+    down: tuple[int, int]
     pixels: int
     depth: float
     hidden: float
@@ -115,15 +118,15 @@ class _Mask:
     def size(self, image: CameraImage) -> tuple[float, float]:
         """Width and height in metres."""
         return (
-            (self.x_max - self.x_min + 1) * self.depth / image.intrinsics.fx,
-            (self.y_max - self.y_min + 1) * self.depth / image.intrinsics.fy,
+            (self.across[1] - self.across[0] + 1) * self.depth / image.intrinsics.fx,
+            (self.down[1] - self.down[0] + 1) * self.depth / image.intrinsics.fy,
         )
 
     def cuts(self, image: CameraImage) -> tuple[bool, bool]:
         """Whether the image's edge cuts it off in width and in height."""
         return (
-            self.x_min == 0 or self.x_max == image.intrinsics.width - 1,
-            self.y_min == 0 or self.y_max == image.intrinsics.height - 1,
+            self.across[0] == 0 or self.across[1] == image.intrinsics.width - 1,
+            self.down[0] == 0 or self.down[1] == image.intrinsics.height - 1,
         )
 
 
@@ -132,7 +135,7 @@ def _judged(image: CameraImage, mask: _Mask, rng: np.random.Generator) -> float 
     (width, height), (cut_wide, cut_high) = mask.size(image), mask.cuts(image)
     # What the image's edge cuts off may be large: a cut side is not held against the object.
     wide, high = max(width, HUSKY.width * cut_wide), max(height, HUSKY.height * cut_high)
-    if not CATALOGUE[_KINDS[mask.body.class_id]].conceals(wide, high, HUSKY.width, HUSKY.height):
+    if wide < HUSKY.width or high < HUSKY.height:
         return None
     return _confidence(mask.depth, mask.pixels, cut_wide + cut_high, mask.hidden, rng)
 
@@ -150,7 +153,7 @@ def _sighting(
     body, kind = mask.body, _KINDS[mask.body.class_id]
     width, height = mask.size(image)
     x, y = _position(middle, kind, width, pose.position)
-    across, down = (mask.x_min, mask.x_max), (mask.y_min, mask.y_max)
+    across, down = mask.across, mask.down
     corners = tuple((float(u), float(v)) for u in across for v in down)
     detection = Detection(
         frame_id, body.class_id, body.class_name, confidence,
