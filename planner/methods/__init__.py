@@ -79,6 +79,12 @@ def _covernav_paper(weights: Path | None = None) -> Method:
     return CoverNavPaper() if weights is None else CoverNavPaper(weights)
 
 
+def _terp(weights: Path | None = None) -> Method:
+    from planner.methods.terp import Terp  # torch is for those who learn
+
+    return Terp() if weights is None else Terp(weights)
+
+
 METHODS: Mapping[str, MethodEntry] = {
     "least_cost": MethodEntry(
         lambda seed: LeastCost(),
@@ -91,6 +97,10 @@ METHODS: Mapping[str, MethodEntry] = {
     "covernav_paper": MethodEntry(
         lambda seed: _covernav_paper(),
         "The paper's learner: a cost map from its network's attention, driven over by the dynamic window.",
+    ),
+    "terp": MethodEntry(
+        lambda seed: _terp(),
+        "TERP: a cost map from its network's attention over slopes, driven over by the dynamic window.",
     ),
     "dwa": MethodEntry(
         lambda seed: PlainDwa(),
@@ -129,6 +139,7 @@ VARIANTS: Mapping[str, MethodEntry] = {}
 
 LEARNED: Mapping[str, Callable[[Path], Method]] = {
     "covernav_paper": _covernav_paper,
+    "terp": _terp,
     "covernav": lambda weights: CoverNav(weights=weights),
 }
 """The methods that take other weights than their own."""
