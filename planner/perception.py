@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from planner.cover import CoverMemory
-from planner.detection import looked_through, sight
+from planner.detection import listed, looked_through, sight
 from planner.elevation_map import ElevationMap, MapConfig, elevation_patch
 from planner.frames import CameraView, CoverEstimate, Detection, GridMap, Percept, Perception, TrackedObstacle
 from planner.ground_segmentation import Scan
@@ -139,7 +139,7 @@ class Perceiver:
             if cover.object_id not in seen
         ]
         self._memory.update(sightings, looked_through(image, unseen, estimate))
-        self._detections = tuple(sighting.detection for sighting in sightings)
+        self._detections = listed(sightings)
         self._map.add_scan(_depth_scan(image, _still(rays), estimate), estimate)
 
     def _percept(

@@ -67,9 +67,14 @@ class CoverClass:
     colour: tuple[int, int, int]
     group: TraversabilityGroup
 
+    @property
+    def opaque(self) -> bool:
+        """Whether it hides more of what is behind it than it shows."""
+        return self.opacity >= 0.5
+
     def conceals(self, width: float, height: float, robot_width: float, robot_height: float) -> bool:
         """Whether an instance of this size can hide a robot that stands behind it."""
-        return self.opacity >= 0.5 and width >= robot_width and height >= robot_height
+        return self.opaque and width >= robot_width and height >= robot_height
 
 
 CATALOGUE: dict[CoverKind, CoverClass] = {
