@@ -42,7 +42,7 @@ class Sample:
     groups: np.ndarray
 
 
-def samples(terrain: Family, seed: int, count: int = 10) -> list[Sample]:
+def samples(terrain: Family, seed: int, count: int = 14) -> list[Sample]:
     """`count` images of the scene of a seed; the same arguments give the same images.
 
     Raises ScenarioError where the terrain gives none.

@@ -10,7 +10,7 @@ import numpy as np
 from scenes.shading import AMBIENT, SKY_COLOUR, SUN, SURFACE_COLOURS
 from scenes.terrain import SURFACES, Surface
 
-PLAIN_SHARE = 0.15
+PLAIN_SHARE = 0.25
 """Of the images, under the camera's own plain light."""
 
 GREEN = {Surface.GRASS}
@@ -47,7 +47,7 @@ def draw_season(rng: np.random.Generator) -> Season:
         case 2:
             return Season(autumn, rng.uniform(0.2, 0.9))
         case _:
-            return Season(winter, rng.uniform(0.3, 0.9), rng.uniform(0.0, 0.3))
+            return Season(winter, rng.uniform(0.3, 0.9), rng.uniform(0.0, 0.2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def draw_weather(rng: np.random.Generator) -> Weather:
     zenith = (1.0 - clouds) * blue * np.array([0.75, 0.85, 1.0]) + clouds * rng.uniform(150.0, 215.0)
     season = draw_season(rng)
     ground = _GROUND * (
-        1.0 + rng.normal(0.0, 0.05, (len(_GROUND), 1)) + rng.normal(0.0, 0.015, _GROUND.shape)
+        1.0 + rng.normal(0.0, 0.03, (len(_GROUND), 1)) + rng.normal(0.0, 0.015, _GROUND.shape)
     )
     for code, surface in enumerate(SURFACES):
         if surface in GREEN:
@@ -123,15 +123,15 @@ def draw_weather(rng: np.random.Generator) -> Weather:
         ambient * (1.0 + 0.12 * (1.0 - clouds) * np.array([-0.6, 0.0, 1.0])),
         np.minimum(horizon, 255.0), np.minimum(zenith, 255.0),
         float(rng.uniform(40.0, 160.0)) if rng.random() < 0.5 else math.inf,
-        np.clip(ground, 0.0, 255.0), float(rng.uniform(0.0, 0.12)), season, float(rng.uniform(0.0, 0.1)),
+        np.clip(ground, 0.0, 255.0), float(rng.uniform(0.0, 0.08)), season, float(rng.uniform(0.0, 0.1)),
     )  # fmt: skip
 
 
 def draw_lens(rng: np.random.Generator) -> Lens:
     return Lens(
         metering=float(rng.uniform(0.4, 1.0)),
-        exposure=float(np.exp(rng.normal(0.0, 0.18))),
-        warmth=float(rng.normal(0.0, 0.06)),
+        exposure=float(np.exp(rng.normal(0.0, 0.15))),
+        warmth=float(rng.normal(0.0, 0.04)),
         gamma=float(np.exp(rng.normal(0.0, 0.12))),
         blur=float(rng.uniform(0.0, 0.8)),
         grain=float(rng.uniform(0.0, 0.025)),

@@ -171,8 +171,10 @@ class GaNav(nn.Module):
             nn.Conv2d(3, fine, 3, 2, 1, bias=False), nn.BatchNorm2d(fine), nn.ReLU(),
             nn.Conv2d(fine, fine, 3, padding=1, bias=False), nn.BatchNorm2d(fine), nn.ReLU(),
         )  # fmt: skip
+        self.narrow = nn.Conv2d(size, last, 1, bias=False)
+        self.blend = nn.Conv2d(fine, last, 1, bias=False)
         self.sharpen = nn.Sequential(
-            nn.Conv2d(size + fine, last, 1, bias=False), nn.BatchNorm2d(last), nn.ReLU(),
+            nn.BatchNorm2d(last), nn.ReLU(),
             nn.Conv2d(last, last, 3, padding=1, groups=last, bias=False), nn.BatchNorm2d(last), nn.ReLU(),
         )  # fmt: skip
         self.classify = nn.Conv2d(last, len(GROUPS), 1)
@@ -191,7 +193,7 @@ class GaNav(nn.Module):
         fused = self.fused(fused)
         attended, groups = self.attention(F.adaptive_avg_pool2d(fused, features[2].shape[-2:]))
         joined = self.join(torch.cat([fused, _resized(attended, size)], 1))
-        sharp = self.sharpen(torch.cat([_resized(joined, detail.shape[-2:]), detail], 1))
+        sharp = self.sharpen(_resized(self.narrow(joined), detail.shape[-2:]) + self.blend(detail))
         return _resized(self.classify(sharp), image.shape[-2:]), groups
 
 
