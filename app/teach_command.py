@@ -12,9 +12,9 @@ from typing import Any
 def add_arguments(train: argparse.ArgumentParser, whole: Callable[[int, int], Any]) -> None:
     """The options that only this learner has."""
     train.add_argument(
-        "--learner", choices=["paper", "terp", "exposure", "ga_nav"], default="paper",
-        help="the paper's (left out), TERP's, the network in covernav that corrects who it thinks sees it, or"
-        " GA-Nav's, which tells ground by its looks",
+        "--learner", choices=["paper", "terp", "exposure", "ga_nav", "dwa_rl"], default="paper",
+        help="the paper's (left out), TERP's, the network in covernav that corrects who it thinks sees it,"
+        " GA-Nav's, which tells ground by its looks, or DWA-RL's, which chooses among the window's arcs",
     )  # fmt: skip
     train.add_argument("--scenes", type=whole(2, 100_000), help="to learn from, of exposure and ga_nav")
     train.add_argument("--held-out", type=whole(1, 10_000), help="scenes to validate on")

@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from app import ga_nav_command
+from app import ga_nav_command, motion_command
 from app.teach_command import add_arguments, teach
 
 TERRAINS = ("all", "normal", "low", "low_high", "forest")
@@ -43,6 +43,7 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
     train.add_argument("--json", metavar="FILE|-", help="of --curves and --validate")
     add_arguments(train, whole)
     ga_nav_command.add_arguments(train)
+    motion_command.add_arguments(train, whole)
     train.set_defaults(command=train_policy)
 
 
@@ -54,6 +55,9 @@ def train_policy(arguments: argparse.Namespace) -> None:
         return
     if arguments.learner == "ga_nav":
         ga_nav_command.teach(arguments)
+        return
+    if arguments.learner == "dwa_rl":
+        motion_command.teach(arguments)
         return
     if arguments.curves is not None:
         from planner.training_curves import summarise

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -242,8 +241,3 @@ def _update(
             loss.backward()
             torch.nn.utils.clip_grad_norm_(policy.parameters(), lessons.most)
             optimiser.step()
-
-
-def described(lessons: MotionLessons) -> dict[str, Any]:
-    """The settings as a card has them."""
-    return asdict(lessons)
