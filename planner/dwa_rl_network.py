@@ -2,8 +2,8 @@
 
 The published one (Patel et al. 2021) is a convolution over the 144 × 10 picture of the rows; this one reads
 each row by one perceptron and weighs it against the mean and the maximum of all, so that what is learnt of
-one velocity holds for the others. It begins as the published dynamic window: the less the total cost, the
-likelier the row.
+one velocity holds for the others. Beside it, the same mean and maximum set gains on what is read of a row. It
+begins as the published dynamic window: the less the total cost, the likelier the row.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class RowsArchitecture:
     rows: int = WINDOW.rows
     sets: int = WINDOW.sets
     hidden: int = 48
-    eagerness: float = 30.0
+    eagerness: float = 15.0
     name: str = "dwa_rl_rows"
 
 
@@ -42,12 +42,14 @@ class WindowPolicy(nn.Module):
         super().__init__()
         self.architecture = shape = architecture or RowsArchitecture()
         # v, w and the to-goal cost are the same in all sets; the rank and whether it may be chosen beside.
+        read = shape.sets + 5
         self.row = nn.Sequential(
-            nn.Linear(shape.sets + 5, shape.hidden), nn.ReLU(), nn.Linear(shape.hidden, 32), nn.ReLU()
+            nn.Linear(read, shape.hidden), nn.ReLU(), nn.Linear(shape.hidden, 32), nn.ReLU()
         )
+        self.gains = nn.Linear(64, read)
         self.own, self.others, self.score = nn.Linear(32, 32), nn.Linear(64, 32), nn.Linear(32, 1)
         self.critic, self.value = nn.Linear(64, 64), nn.Linear(64, 1)
-        for last in (self.score, self.value):
+        for last in (self.score, self.value, self.gains):
             nn.init.zeros_(last.weight)
             nn.init.zeros_(last.bias)
 
@@ -71,6 +73,7 @@ class WindowPolicy(nn.Module):
         whole = torch.cat([rows.mean(1), rows.amax(1)], 1)
         beside = torch.relu(self.own(rows) + self.others(whole)[:, None])
         logits = self.score(beside).squeeze(2) - shape.eagerness * rank
+        logits = logits + (read * self.gains(whole)[:, None]).sum(2)
         value = self.value(torch.relu(self.critic(whole))).squeeze(1)
         return torch.where(admissible, logits, torch.full_like(logits, BARRED)), value
 

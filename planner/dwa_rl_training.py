@@ -32,20 +32,20 @@ class MotionLessons:
     judged_every : rounds from one judging to the next, over `judged` drives
     """
 
-    decisions: int = 200_000
+    decisions: int = 100_000
     seed: int = 0
     worlds: int = 16
     round: int = 128
-    rate: float = 5e-4
+    rate: float = 1e-3
     discount: float = 0.99
     trace: float = 0.95
     clip: float = 0.2
     epochs: int = 3
-    batch: int = 512
+    batch: int = 256
     entropy: float = 0.003
     value: float = 0.5
     most: float = 0.5
-    judged_every: int = 16
+    judged_every: int = 10
     judged: int = 48
 
     @property

@@ -90,8 +90,8 @@ class MovingHistory:
 
     def discs(self) -> np.ndarray:
         """(k, 4) x, y, radius and the number of its set, the newest set last."""
-        sets = [np.column_stack([discs, np.full(len(discs), k)]) for k, discs in enumerate(self._kept)]
-        return np.concatenate(sets) if sets else np.zeros((0, 4))
+        numbers = np.repeat(np.arange(len(self._kept)), [len(discs) for discs in self._kept])
+        return np.column_stack([np.concatenate([np.zeros((0, 3)), *self._kept]), numbers])
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ POSITION_NOISE, VELOCITY_SIGMA = 0.25, 0.05
 """Share of a scan's error that a track keeps, and m/s: afresh at every tick."""
 
 SPACING = 0.2  # metres between the points of an outline
+RESPONSE = astuple(HUSKY_RESPONSE)
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ class CrossingWorld:
 
     def _tick(self, command: Twist) -> float:
         before, steps = self._away(), round(TICK_S / STEP_S)
-        met = advance(self._ground, self._state, command, steps, astuple(HUSKY_RESPONSE), self._standing)
+        met = advance(self._ground, self._state, command, steps, RESPONSE, self._standing)
         self._ticks += 1
         if met != FREE or self._run_into():
             self.status = Status.COLLIDED
@@ -200,7 +201,8 @@ class CrossingWorld:
         """Take in the moment and open the window on it."""
         pose, twist = self.pose, Twist(float(self._state[SPEED]), float(self._state[YAW_RATE]))
         truly = true_obstacles(self._obstacles, self.seconds)
-        self._moving = moving = tuple(self._tracked(thing) for thing in truly)
+        noise = self._rng.normal(size=(len(truly), 4)).tolist()
+        self._moving = moving = tuple(map(_tracked, truly, noise))
         self._history.see(pose, moving)
         target = (min(pose.x + LOOK_AHEAD, self._goal[0]), 0.0)
         dwa, max_speed = approach(self._driver, self._driver.dwa, pose, target, self._away())
@@ -209,11 +211,6 @@ class CrossingWorld:
         if not self._window.admissible.any() and crowded(self._window.rollout):
             dwa = replace(dwa, moving_margin=self._driver.close_margin)
             self._window = open_window(dwa, pose, twist, target, around, self._history, max_speed)
-
-    def _tracked(self, thing: TrackedObstacle) -> TrackedObstacle:
-        x, y = self._rng.normal((thing.x, thing.y), POSITION_NOISE * POSITION_SIGMA[thing.kind])
-        vx, vy = self._rng.normal((thing.vx, thing.vy), VELOCITY_SIGMA)
-        return TrackedObstacle(thing.object_id, thing.kind, x, y, vx, vy, thing.radius)
 
     def _beams(self) -> np.ndarray:
         """(BEAMS,) metres from the robot's middle to what each meets, inf beyond the reach."""
@@ -244,6 +241,16 @@ def _outlines(cover: tuple[CoverObject, ...]) -> np.ndarray:
     return np.concatenate(rings)
 
 
+def _tracked(thing: TrackedObstacle, noise: list[float]) -> TrackedObstacle:
+    """As a tracker has it; four standard normal numbers make its error."""
+    sigma = POSITION_NOISE * POSITION_SIGMA[thing.kind]
+    x, y, vx, vy = noise
+    return TrackedObstacle(
+        thing.object_id, thing.kind, thing.x + sigma * x, thing.y + sigma * y,
+        thing.vx + VELOCITY_SIGMA * vx, thing.vy + VELOCITY_SIGMA * vy, thing.radius,
+    )  # fmt: skip
+
+
 def _command(window: Window, row: int) -> Twist:
-    arcs = window.chosen(row).arcs
-    return Twist(float(arcs.v[arcs.chosen]), float(arcs.w[arcs.chosen]))
+    index = window.view.order[row]
+    return Twist(float(window.rollout.arcs.v[index]), float(window.rollout.arcs.w[index]))

@@ -83,11 +83,9 @@ def crossing_scenario(
 
     Raises ScenarioError where an argument is out of range, or nobody finds room to cross.
     """
-    family = Family(family)
-    rng = np.random.default_rng([seed, list(Family).index(family), 31])
-    land = seed
+    scenario = generate(family, seed, size_m=size_m, goal_distance=goal_distance, observers=observers)
+    rng = np.random.default_rng([seed, list(Family).index(Family(family)), 31])
     for _ in range(ATTEMPTS):
-        scenario = generate(family, land, size_m=size_m, goal_distance=goal_distance, observers=observers)
         start, goal = scenario.start, scenario.goal
         traffic = crossing_traffic(
             rng, scenario.terrain.heightmap(), scenario.cover, ((start.x, start.y), (goal.x, goal.y)),
@@ -95,12 +93,10 @@ def crossing_scenario(
         )  # fmt: skip
         if traffic:
             about = "Generated ground with people or vehicles that cross the way"
-            return scenario.revised(
-                name=f"crossing {family.value} {seed}",
-                description=f"{about}, seed {seed}.",
-                obstacles=traffic,
-            )
+            name = f"crossing {Family(family).value} {seed}"
+            return scenario.revised(name=name, description=f"{about}, seed {seed}.", obstacles=traffic)
         land = int(rng.integers(2**31))
+        scenario = generate(family, land, size_m=size_m, goal_distance=goal_distance, observers=observers)
     raise ScenarioError(f"nobody finds room to cross the way on ground of seed {seed}; take another seed")
 
 
