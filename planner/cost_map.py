@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -53,7 +54,7 @@ class CostMap:
     forbidden: np.ndarray
     unknown: np.ndarray
 
-    @property
+    @cached_property
     def total(self) -> np.ndarray:
         """(rows, cols) float: the layers' sum, at most 100, inf where forbidden."""
         total = np.minimum(np.sum(list(self.layers.values()), axis=0), 100.0)
@@ -93,6 +94,16 @@ def build(grid: GridMap, config: CostConfig) -> CostMap:
     }
     forbidden = (distance < config.rim) | (steepness > 1.0)
     return CostMap(grid.x_min, grid.y_min, grid.resolution, layers, forbidden, unknown)
+
+
+def shunning(cost_map: CostMap, places: Sequence[tuple[float, float]], berth: float) -> CostMap:
+    """The map with a layer `shunned`, at its worst within `berth` metres of places (world x, y) where a drive
+    has failed."""
+    points = cost_map.centre(*np.indices(cost_map.forbidden.shape))
+    near = np.zeros(cost_map.forbidden.shape, bool)
+    for place in places:
+        near |= np.hypot(*np.moveaxis(points - place, -1, 0)) <= berth
+    return replace(cost_map, layers={**cost_map.layers, "shunned": 100.0 * near})
 
 
 def obstacle_distance(grid: GridMap) -> np.ndarray:

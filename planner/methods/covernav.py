@@ -32,6 +32,7 @@ class CoverNavConfig:
 
     weights: tuple[float, ...] = (2.0, 6.0, 15.0, 40.0)
     nearby: float = 1.7
+    greatest: float = 100.0
     halvings: int = 2
     longest: float = 2.0
     detour: float = 1.2
@@ -130,7 +131,8 @@ class CoverNav(LeastCost):
         """Weights, ascending: all at first, then those about the one whose route was taken last."""
         if self._weight is None:
             return list(self.covert.weights)
-        return [self._weight / self.covert.nearby, self._weight, self._weight * self.covert.nearby]
+        above = min(self._weight * self.covert.nearby, self.covert.greatest)
+        return sorted({self._weight / self.covert.nearby, self._weight, above})
 
     def _keep_old(self, percept: Percept, plan: Plan, route: Route) -> Plan:
         """Along the old route unless the new one spares enough."""

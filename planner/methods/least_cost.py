@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from planner.cost_map import CostConfig, CostMap, build, ground_near, open_about
+from planner.cost_map import CostConfig, CostMap, build, ground_near, open_about, shunning
 from planner.cover import best_cover
 from planner.driver import Driver, DriverConfig
 from planner.frames import CostPatch, Decision, Percept, Status
@@ -30,6 +30,8 @@ class LeastCostConfig:
     points_per_metre : points of cost that weigh as much as a metre of way
     loyalty : share by which a new route must be cheaper than the rest of the old one to replace it
     patience : without any route, until the goal counts as unreachable
+    failed : recoveries in one region after which routes are led past what lies between the robot and its
+        waypoint, and all within `berth` of that
     """
 
     replan_period: float = 0.4
@@ -39,6 +41,8 @@ class LeastCostConfig:
     points_per_metre: float = 10.0
     loyalty: float = 0.08
     patience: float = 4.0
+    failed: int = 2
+    berth: float = 0.6
     cost: CostConfig = field(default_factory=CostConfig)
     driver: DriverConfig = field(default_factory=DriverConfig)
 
@@ -69,13 +73,18 @@ class LeastCost:
         self.driver = Driver(self.config.driver)
         self._plan: Plan | None = None
         self._no_route_since: float | None = None
+        self._shunned: list[tuple[float, float]] = []
+        self._recoveries = 0
 
     def reset(self) -> None:
         self.driver.reset()
         self._plan = None
         self._no_route_since = None
+        self._shunned = []
+        self._recoveries = 0
 
     def decide(self, percept: Percept) -> Decision:
+        self._learn_from_failure(percept)
         plan = self._plan
         if plan is None or percept.time_s - plan.time_s >= self.config.replan_period - 1e-6:
             plan = self._plan = self._make_plan(percept)
@@ -92,6 +101,17 @@ class LeastCost:
             note=driven.note, failure=Status.STUCK if driven.stuck else None,
         )  # fmt: skip
 
+    def _learn_from_failure(self, percept: Percept) -> None:
+        """Shun the place that the driver cannot get past, and look for another way at once."""
+        recoveries, self._recoveries = self._recoveries, self.driver.recoveries
+        plan = self._plan
+        failed = self._recoveries > max(recoveries, self.config.failed - 1)
+        if not failed or plan is None or not len(plan.points):
+            return
+        here, waypoint = percept.pose, self._waypoint(percept, plan, self._rest_of_route(percept, plan))
+        self._shunned.append((0.5 * (here.x + waypoint[0]), 0.5 * (here.y + waypoint[1])))
+        self._plan = None
+
     def _without_route(self, percept: Percept, plan: Plan) -> Decision:
         if self._no_route_since is None:
             self._no_route_since = percept.time_s
@@ -107,6 +127,8 @@ class LeastCost:
 
     def _make_plan(self, percept: Percept) -> Plan:
         cost_map = build(percept.grid, self.config.cost)
+        if self._shunned:
+            cost_map = shunning(cost_map, self._shunned, self.config.berth)
         cost = 1.0 + cost_map.total / self.config.points_per_metre
         here = np.array([percept.pose.x, percept.pose.y])
         dearest = 1.0 + 100.0 / self.config.points_per_metre

@@ -33,7 +33,7 @@ def test_methods_are_found_by_name_and_say_what_they_are():
 
 
 def test_an_unknown_name_is_refused_with_those_there_are():
-    with pytest.raises(ValueError, match=r"'teleport'.*least_cost, covernav, covernav_paper, dwa"):
+    with pytest.raises(ValueError, match="'teleport'.*" + ", ".join(METHODS)):
         make_method("teleport")
 
 
@@ -123,3 +123,21 @@ def test_reset_forgets_the_route():
     after = method.decide(percept(grid_map(), ORIGIN, goal=(0.0, 6.0), time_s=0.1))
     assert np.hypot(*(after.route[-1] - (0.0, 6.0))) < 0.3
     assert before.route[-1][0] > 5.0
+
+
+@pytest.mark.parametrize("name", ["least_cost", "covernav"])
+def test_a_gap_that_the_driver_cannot_pass_is_left_for_another(name, monkeypatch):
+    gaps = grid_map(blocked=lambda x, y: (abs(x - 1.5) < 0.15) & (abs(y - 0.4) > 0.9) & (abs(y + 4.0) > 0.9))
+    method = make_method(name)
+    seen = percept(gaps, Pose(0.6, 0.4, 0.0), goal=(4.0, 0.4))
+
+    def crossing() -> float:
+        x, y = method.decide(seen).route.T
+        return float(y[np.argmin(np.abs(x - 1.5))])
+
+    assert crossing() == pytest.approx(0.4, abs=0.4)
+    monkeypatch.setattr(type(method.driver), "recoveries", 2)
+    assert crossing() == pytest.approx(-4.0, abs=0.6)
+    method.reset()
+    monkeypatch.setattr(type(method.driver), "recoveries", 0)
+    assert crossing() == pytest.approx(0.4, abs=0.4)
