@@ -17,6 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from app.changes import StudioError
 from planner.evaluation import MissionSpec
 from planner.trajectory import Trajectory
 
@@ -48,7 +49,7 @@ CREATE TABLE missions (
 """
 
 
-class ResultsError(ValueError):
+class ResultsError(StudioError):
     """A file that is no evaluation, in one sentence."""
 
 

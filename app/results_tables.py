@@ -7,7 +7,8 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-from planner.evaluation_table import MEANS
+from app.results_store import FIGURES
+from planner.evaluation_table import GROUPED_BY, MEANS
 
 Row = dict[str, Any]
 
@@ -119,6 +120,16 @@ def csv_table(rows: Sequence[Row], bounds: Sequence[Row]) -> str:
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
     writer.writerows(table)
+    return text.getvalue()
+
+
+def csv_missions(missions: Sequence[Row]) -> str:
+    """One line a mission with its figures."""
+    columns = (*GROUPED_BY, "seed", "status", "success", *FIGURES)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(GROUPED_BY | mission for mission in missions)
     return text.getvalue()
 
 

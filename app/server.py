@@ -23,11 +23,13 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Lifespan
 
 from app import telemetry, viewer_proxy
-from app.api import docs, errors, exposure, mission, route, runs, scenarios, things, training
+from app.api import docs, errors, exposure, mission, results, route, runs, scenarios, things, training
 from app.api.bodies import BodyLimit
 from app.changes import COLLECTIONS
 from app.connections import HEAD_LIMIT_BYTES, PromptHttp, PromptWebSocket
 from app.exposure_service import ExposureService
+from app.results import ResultsLibrary
+from app.results_replay import ReplayService
 from app.security import WILDCARDS, Gate, Hosts
 from app.settings import Settings, SettingsError
 from app.store import Store
@@ -50,6 +52,7 @@ def create_app(
     lifespan: Lifespan[FastAPI] | None = None,
     exposures: ExposureService | None = None,
     trainings: TrainingService | None = None,
+    replays: ReplayService | None = None,
 ) -> FastAPI:
     """The ASGI application around a studio that its caller starts and closes; without a `viewer` it has
     no 3D view."""
@@ -73,6 +76,8 @@ def create_app(
     app.include_router(route.router(exposures))
     app.include_router(runs.router(studio.store))
     app.include_router(training.router(trainings or TrainingService(studio), studio))
+    library = ResultsLibrary(studio.store.workspace)
+    app.include_router(results.router(library, replays or ReplayService(studio)))
     _add_stream(app, studio)
     _add_pages(app)
     if viewer is not None:
@@ -103,6 +108,10 @@ def _add_pages(app: FastAPI) -> None:
     async def index() -> Response:
         return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
 
+    @app.api_route("/results", methods=["GET", "HEAD"], include_in_schema=False)
+    async def results_page() -> Response:
+        return FileResponse(STATIC / "results.html", headers={"cache-control": "no-cache"})
+
     app.mount("/static", _Static(directory=STATIC), name="static")
 
 
@@ -129,8 +138,9 @@ def serve(settings: Settings, scenario: str | None = None) -> None:
         studio = Studio(store, document, scenario_id)
         viser_server, viewer = viewer_proxy.start_viser(TITLE)
         exposures, trainings = ExposureService(studio), TrainingService(studio)
-        lifespan = _lifespan(studio, viser_server, exposures, trainings)
-        app = create_app(studio, settings, viewer, lifespan, exposures, trainings)
+        replays = ReplayService(studio)
+        lifespan = _lifespan(studio, viser_server, exposures, trainings, replays)
+        app = create_app(studio, settings, viewer, lifespan, exposures, trainings, replays)
         server = _Server(_configuration(app), lambda: print(address(settings), flush=True))
         server.run(sockets=[listening])
         if not server.started:
@@ -208,18 +218,20 @@ def _lifespan(
     viser_server: viser.ViserServer,
     exposures: ExposureService,
     trainings: TrainingService,
+    replays: ReplayService,
 ) -> Lifespan[FastAPI]:
     @contextlib.asynccontextmanager
     async def live(app: FastAPI) -> AsyncIterator[None]:
         from app.view.view import StudioView  # the interface works without the view's libraries loaded
 
         await studio.start()
-        view = StudioView(studio, viser_server, exposures, trainings)
+        view = StudioView(studio, viser_server, exposures, trainings, replays)
         view.start()
         try:
             yield
         finally:
             view.close()
+            replays.close()
             exposures.close()
             await trainings.close()
             with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye

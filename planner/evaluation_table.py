@@ -16,7 +16,7 @@ from planner.methods import COMPARED
 from planner.published import GOAL_DISTANCE_M, published
 from scenes.scenario import Family
 
-Result = dict[str, Any]
+Result = Row = dict[str, Any]
 
 GROUPED_BY: dict[str, Any] = {
     "terrain": "", "method": "", "suite": "random", "observers": "known", "perception": "",

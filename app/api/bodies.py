@@ -20,7 +20,9 @@ from scenes.scenario import MAX_FILE_BYTES
 MiB = 2**20
 MAX_BODY = 1 * MiB
 MAX_UPLOAD = 512 * MiB
+MAX_RESULTS = 64 * MiB
 UPLOAD_PATH = "/api/scenarios/import"
+RESULTS_PATH = "/api/results"
 DOCUMENT_PATHS = re.compile(r"/api/scenarios(/[^/]+)?")
 BODY_PAUSE_S = 30.0
 
@@ -31,6 +33,8 @@ def body_limit(path: str) -> int:
     """Largest body in bytes that an address takes; an upload's form around the file counts too."""
     if path == UPLOAD_PATH:
         return MAX_UPLOAD
+    if path == RESULTS_PATH:
+        return MAX_RESULTS
     return MAX_FILE_BYTES if DOCUMENT_PATHS.fullmatch(path) else MAX_BODY
 
 

@@ -28,6 +28,7 @@ class Layer(StrEnum):
     LEARNER = "learner"
     LEARNED = "learned"
     TRIALS = "trials"
+    REPLAY = "replay"
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ STYLES: dict[Layer, LayerStyle] = {
     Layer.LEARNER: LayerStyle("Robot that learns", None, palette.GHOST),
     Layer.LEARNED: LayerStyle("What it sees about it", None, (70, 156, 226), 0.75),
     Layer.TRIALS: LayerStyle("Drives before and after learning", None, palette.TRIALS[1]),
+    Layer.REPLAY: LayerStyle("Replayed drives", None, palette.GHOST),
     Layer.TERRAIN: LayerStyle("Terrain", None, (111, 121, 82)),
     Layer.WATER: LayerStyle("Water", None, palette.WATER),
 }

@@ -11,18 +11,17 @@ import viser
 
 from app.view import palette
 from app.view.exposure_lines import ring
-from app.view.glb import Surface, glb, merged
+from app.view.ghost import Ghost
+from app.view.glb import glb
 from app.view.ground import painted, terrain_glb
 from app.view.nodes import OVERLAY_PARSE_S, Lines, SwapGlb, polyline
 from app.view.patches import patch_surface
 from app.view.standing import CoverLayer, cover_chunks
-from scenes.husky import husky_visuals
 from scenes.pose import Pose
 from scenes.scenario import Observer, Scenario
 from scenes.terrain import Heightmap
 
 GAP = 6.0  # metres between the open map and the ground beside it
-GHOSTLY, ALPHA = 0.6, 235
 LIFTED = np.array([0.0, 0.0, 0.1])
 EYE_POST = 0.05
 
@@ -40,7 +39,7 @@ class LearnerGround:
         self._overlay_place = scene.add_frame(f"{overlay_root}/place", show_axes=False)
         self._terrain = SwapGlb(scene, f"{root}/place/ground")
         self._cover = CoverLayer(scene, f"{root}/place/cover")
-        self._ghost = _Ghost(scene, f"{root}/place/robot")
+        self._ghost = Ghost(scene, f"{root}/place/robot", palette.GHOST, "learning")
         self._trail = Lines(scene, f"{root}/place/trail", 0.06)
         self._goal = Lines(scene, f"{root}/place/goal", 0.08)
         self._posts = Lines(scene, f"{root}/place/posts", EYE_POST)
@@ -118,39 +117,6 @@ class LearnerGround:
     def _clear_ground(self) -> None:
         self._terrain.show(None)
         self._cover.clear()
-
-
-class _Ghost:
-    """A pale, clear Husky under a label."""
-
-    def __init__(self, scene: viser.SceneApi, name: str) -> None:
-        self._frame = scene.add_frame(name, show_axes=False, visible=False)
-        parts = [
-            Surface.from_trimesh(part.mesh).moved(part.pose.rotation, part.pose.position)
-            for part in husky_visuals().values()
-        ]
-        body = merged(parts)
-        assert body.colours is not None
-        tint = np.array(palette.GHOST)
-        pale = np.round((1.0 - GHOSTLY) * body.colours[:, :3] + GHOSTLY * tint).astype(np.uint8)
-        clear = np.column_stack([pale, np.full(len(pale), ALPHA, np.uint8)])
-        ghost = Surface(body.vertices, body.faces, clear, blended=True)
-        scene.add_glb(f"{name}/body", glb(ghost), cast_shadow=False)
-        self._label = scene.add_label(
-            f"{name}/label", "learning", position=(0.0, 0.0, 1.1), anchor="bottom-center"
-        )
-
-    def show(self, words: str) -> None:
-        self._label.text = words
-        self._frame.visible = True
-
-    def hide(self) -> None:
-        self._frame.visible = False
-
-    def place(self, pose: Pose) -> None:
-        x, y, z, w = pose.quaternion
-        self._frame.position = pose.position
-        self._frame.wxyz = (w, x, y, z)
 
 
 def _ground_and_cover(scenario: Scenario, heightmap: Heightmap) -> tuple[bytes, dict]:

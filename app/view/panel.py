@@ -15,6 +15,7 @@ from app.view.panel_drive import DriveTab
 from app.view.panel_exposure import ExposureTab
 from app.view.panel_layers import LayersTab
 from app.view.panel_plan import PlanTab
+from app.view.panel_replay import ReplayFolder
 from app.view.panel_scenarios import ScenariosTab
 from app.view.panel_training import TrainingTab
 from app.view.tools import HINTS
@@ -32,6 +33,7 @@ class Panel:
         desk = Desk(viewer)
         self._held = desk.gui.add_html("")
         self._inset, self._seen = desk.gui.add_html(""), None
+        self.replay = ReplayFolder(desk)
         tabs = desk.gui.add_tab_group()
         with tabs.add_tab("Plan"):
             self.plan = PlanTab(desk)

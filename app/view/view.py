@@ -14,6 +14,7 @@ import viser
 
 from app.changes import Change
 from app.exposure_service import ExposureService
+from app.results_replay import ReplayService
 from app.studio import Studio
 from app.training_service import TrainingService
 from app.view.camera import FIELD_OF_VIEW, Viewpoint, opening_view
@@ -21,6 +22,7 @@ from app.view.exposure import ExposureShow
 from app.view.keys import bind_keys
 from app.view.layers import Layer, LayerState
 from app.view.picking import Picker
+from app.view.replay import ReplayShow
 from app.view.scene import MapMeshes, Scene
 from app.view.training import TrainingShow
 from app.view.viewer import Viewer
@@ -41,6 +43,7 @@ class StudioView:
         server: viser.ViserServer,
         exposures: ExposureService | None = None,
         trainings: TrainingService | None = None,
+        replays: ReplayService | None = None,
     ) -> None:
         self.studio, self.server = studio, server
         self.layers = LayerState()
@@ -58,6 +61,9 @@ class StudioView:
         )
         self.training = TrainingShow(
             studio, server.scene, self.layers, trainings or TrainingService(studio), self._training_changed
+        )
+        self.replay = ReplayShow(
+            studio, server.scene, replays or ReplayService(studio), self._replay_changed
         )
         self._frame_camera()
         meshes = MapMeshes.of(studio.scenario, studio.heightmap)
@@ -77,6 +83,7 @@ class StudioView:
         self._unsubscribe()
         self.exposure.close()
         self.training.close()
+        self.replay.close()
         if self._draw_due is not None:
             self._draw_due.cancel()
 
@@ -216,6 +223,10 @@ class StudioView:
     def _training_changed(self) -> None:
         for viewer in self._viewers.values():
             viewer.refresh(Change.TRAINING)
+
+    def _replay_changed(self) -> None:
+        for viewer in self._viewers.values():
+            viewer.panel.replay.refresh()
 
     def _layers_changed(self) -> None:
         for viewer in self._viewers.values():
