@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 from planner.driver import Driver
 from planner.frames import Decision, Percept
-from planner.methods.covernav import CoverNav
+from planner.methods.covernav import CoverNav, CoverNavConfig
 from planner.methods.dwa import PlainDwa
 from planner.methods.least_cost import LeastCost
 from planner.methods.route import FollowRoute, balanced, most_hidden, shortest
@@ -73,10 +73,10 @@ class MethodEntry:
     description: str
 
 
-def _covernav_paper(weights: Path | None = None) -> Method:
-    from planner.methods.covernav_paper import CoverNavPaper  # torch is for those who learn
+def _covernav_paper(weights: Path | None = None, **settings: bool) -> Method:
+    from planner.methods.covernav_paper import POLICY, CoverNavPaper, PaperConfig  # torch is for learners
 
-    return CoverNavPaper() if weights is None else CoverNavPaper(weights)
+    return CoverNavPaper(weights or POLICY, PaperConfig(**settings))
 
 
 def _terp(weights: Path | None = None) -> Method:
@@ -132,7 +132,28 @@ DEFAULT_METHOD = "least_cost"
 COMPARED = ("dwa", "ga_nav", "terp", "least_cost", "covernav_paper", "covernav", "route")
 """What is usually compared, of those that there are: the paper's methods, ours, and one that knows all."""
 
-VARIANTS: Mapping[str, MethodEntry] = {}
+VARIANTS: Mapping[str, MethodEntry] = {
+    "covernav[no_learning]": MethodEntry(
+        lambda seed: CoverNav(),
+        "covernav without its network: it takes its map's word for who sees it.",
+    ),
+    "covernav[no_cover]": MethodEntry(
+        lambda seed: CoverNav(CoverNavConfig(cover=False)),
+        "covernav without network and without what the camera tells of cover.",
+    ),
+    "covernav[no_exposure]": MethodEntry(
+        lambda seed: CoverNav(CoverNavConfig(weights=())),
+        "covernav without exposure among its costs: the least-cost route.",
+    ),
+    "covernav_paper[no_attention]": MethodEntry(
+        lambda seed: _covernav_paper(attention=False),
+        "covernav_paper with a cost map made by hand, of steepness alone.",
+    ),
+    "covernav_paper[literal_cost]": MethodEntry(
+        lambda seed: _covernav_paper(literal=True),
+        "covernav_paper with the cost map as published, attention times height.",
+    ),
+}
 """Ablations, made and described as methods are, under names such as `covernav[no_exposure]`: known to
 `make_method` and the evaluation, but not offered for driving."""
 

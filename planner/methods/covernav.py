@@ -28,6 +28,7 @@ class CoverNavConfig:
     loyalty : metres in full view, and share of those ahead, that another route must spare to replace the
         present one: what the map tells changes as it grows, and a robot that follows every change dithers
     drawn : points, of 0..100, that full view has in the cost map that is drawn
+    cover : whether it heeds what the camera tells of cover; without, the map's word alone counts
     """
 
     weights: tuple[float, ...] = (2.0, 6.0, 15.0, 40.0)
@@ -39,6 +40,7 @@ class CoverNavConfig:
     length_share: float = 0.03
     loyalty: tuple[float, float] = (0.5, 0.2)
     drawn: float = 50.0
+    cover: bool = True
     planner: LeastCostConfig = field(default_factory=lambda: LeastCostConfig(look_ahead=1.4))
 
 
@@ -100,7 +102,7 @@ class CoverNav(LeastCost):
         seen = self._exposure(percept)
         patch = _with_exposure(cost_map, self.covert.drawn * seen)
         self._terms = None
-        if not shortest.found or not seen.any():
+        if not shortest.found or not seen.any() or not self.covert.weights:
             return shortest, cost, patch
         length = _length(cost_map, shortest.cells, percept.goal)
         if self._begun_m is None:
@@ -157,6 +159,8 @@ class CoverNav(LeastCost):
         """(rows, cols) float32 visible fraction over the percept's grid."""
         if percept.perception is Perception.ORACLE and self._scenario is not None and self._rays is not None:
             return self._true_exposure(percept, self._scenario, self._rays)
+        if not self.covert.cover:
+            percept = replace(percept, cover=())
         sensed = sensed_exposure(percept)
         if self._network is None:
             return sensed

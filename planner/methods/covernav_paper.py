@@ -37,6 +37,7 @@ class PaperConfig:
     look_ahead : how far along the route the window is sent; as published, it is sent to the waypoint at once,
         and cuts the corners on the way
     blocked : what stands as near to a cell bars it: TERP's elevation holds it, ours the bare ground alone
+    attention : whether the network has a say in the cost map; without, steepness alone makes it
     literal : the cost map as published, with its traps, see `planner.attention_cost`
     """
 
@@ -45,6 +46,7 @@ class PaperConfig:
     look_ahead: float = 2.0
     blocked: float = 0.5
     replan_period: float = 0.4
+    attention: bool = True
     literal: bool = False
     cost: CostConfig = field(default_factory=CostConfig)
     driver: DriverConfig = field(default_factory=DriverConfig)
@@ -108,6 +110,8 @@ class CoverNavPaper:
         layers = observe(percept)["layers"]
         read = torch.from_numpy(layers[None, : self._actor.architecture.channels])
         attended = self._actor.encoder.attend(read)[0].numpy()
+        if not self.config.attention:
+            attended = np.ones_like(attended)
         cost = cost_map(attended, percept.elevation_patch, self.config.literal)
         points = in_body_frame(percept.pose, percept.obstacle_points)
         for ahead, left in points:

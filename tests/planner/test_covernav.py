@@ -11,9 +11,11 @@ from maps import grid_map
 from test_sensed_exposure import EAST, HERE, known, standing
 
 from planner.exposure_network import ExposureNetwork, save_network
+from planner.frames import CoverEstimate
 from planner.learning_errors import PolicyError
 from planner.methods import Learned, make_method
 from planner.methods.covernav import CoverNav, CoverNavConfig
+from scenes.catalogue import CoverKind
 
 
 def route_of(seen) -> np.ndarray:
@@ -96,3 +98,14 @@ def test_weights_that_are_none_are_refused(tmp_path) -> None:
     (tmp_path / "w.safetensors").write_bytes(b"no weights")
     with pytest.raises(PolicyError, match="not a safetensors file"):
         make_method("covernav", weights=tmp_path / "w.safetensors")
+
+
+def test_its_variants_leave_out_what_they_say() -> None:
+    screen = standing(grid_map(), lambda x, y: (abs(y - 1.0) < 0.15) & (x < -1.0) & (x > -6.0))
+    watched = replace(known(screen, WATCHER), goal=(-7.0, 0.0))
+    no_exposure = make_method("covernav[no_exposure]").decide(watched).route
+    assert no_exposure is not None and no_exposure[:, 1].max() < 0.5 < route_of(watched)[:, 1].max()
+    fence = CoverEstimate(1, CoverKind.FENCE, -3.5, 1.0, 0.0, 5.0, 3.0, 0.9)
+    seen_through = replace(watched, cover=(fence,))
+    blind, sees = (make_method(name).decide(seen_through).cost for name in ("covernav[no_cover]", "covernav"))
+    assert blind is not None and sees is not None and np.nansum(sees.cost) > np.nansum(blind.cost)

@@ -7,7 +7,7 @@ import pytest
 from maps import drive, grid_map, percept
 
 from planner.frames import Status
-from planner.methods import DEFAULT_METHOD, METHODS, Briefed, make_method
+from planner.methods import DEFAULT_METHOD, METHODS, VARIANTS, Briefed, make_method
 from planner.methods.least_cost import LeastCost, LeastCostConfig
 from scenes.pose import Pose
 
@@ -141,3 +141,9 @@ def test_a_gap_that_the_driver_cannot_pass_is_left_for_another(name, monkeypatch
     method.reset()
     monkeypatch.setattr(type(method.driver), "recoveries", 0)
     assert crossing() == pytest.approx(0.4, abs=0.4)
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_variants_are_the_methods_they_are_variants_of(name):
+    assert make_method(name).name == name.partition("[")[0]
+    assert name not in METHODS and VARIANTS[name].description.endswith(".")
