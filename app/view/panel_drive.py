@@ -11,10 +11,11 @@ from app.studio import Studio
 from app.view import markup
 from app.view.desk import Desk, show_value
 from planner.frames import Frame, Perception, Status
-from planner.methods import METHODS
+from planner.methods import METHODS, with_motion
 
 SPEEDS = {"⅛×": 0.125, "¼×": 0.25, "½×": 0.5, "1×": 1.0, "2×": 2.0, "4×": 4.0, "8×": 8.0}
 PERCEPTIONS = {"sensors (lidar, camera)": Perception.LIDAR, "oracle (knows the scene)": Perception.ORACLE}
+MOTIONS = {"dynamic window": "dwa", "learned (DWA-RL)": "dwa_rl"}
 LARGEST_SEED = 2**31 - 1
 
 
@@ -28,8 +29,11 @@ class DriveTab:
         desk.on_choice(moves, {"Step": studio.step, "Reset": studio.reset, "Stop": studio.stop})
         self._speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1×")
         desk.on_value(self._speed, lambda label: studio.set_speed(SPEEDS.get(label, 1.0)))
-        self._method = gui.add_dropdown("Method", tuple(METHODS), initial_value=studio.method)
+        method, _ = with_motion(studio.method)
+        self._method = gui.add_dropdown("Method", tuple(METHODS), initial_value=method)
         desk.on_value(self._method, self._choose_method)
+        self._motion = gui.add_dropdown("Arcs chosen by", tuple(MOTIONS))
+        desk.on_value(self._motion, self._choose_motion)
         self._perception = gui.add_dropdown("Perception", tuple(PERCEPTIONS))
         desk.on_value(
             self._perception, lambda label: studio.set_perception(PERCEPTIONS.get(str(label), str(label)))
@@ -44,8 +48,16 @@ class DriveTab:
         (self._studio.pause if self._studio.status is Status.RUNNING else self._studio.play)()
 
     def _choose_method(self, label: str) -> None:
+        _, motion = with_motion(self._studio.method)
         if label != called(self._studio):
-            self._studio.set_method(label)
+            self._studio.set_method(driven_by(label, motion))
+
+    def _choose_motion(self, label: str) -> None:
+        studio = self._studio
+        method, motion = with_motion(studio.method)
+        wanted = MOTIONS.get(label, label)
+        if wanted != motion:
+            studio.set_method(driven_by(method, wanted), studio.weights)
 
     def refresh(self, change: Change) -> None:
         studio = self._studio
@@ -63,6 +75,8 @@ class DriveTab:
             if tuple(self._method.options) != labels:
                 self._method.options = labels
             show_value(self._method, called(studio))
+            _, motion = with_motion(studio.method)
+            show_value(self._motion, next(label for label, name in MOTIONS.items() if name == motion))
             show_value(self._perception, perception)
             show_value(self._seed, min(studio.seed, LARGEST_SEED))
         numbers = live_numbers(studio)
@@ -72,7 +86,13 @@ class DriveTab:
 
 def called(studio: Studio) -> str:
     """The method, with the training's checkpoint that it drives by, if any."""
-    return studio.method if studio.weights is None else f"{studio.method} · {studio.weights.stem}"
+    method, _ = with_motion(studio.method)
+    return method if studio.weights is None else f"{method} · {studio.weights.stem}"
+
+
+def driven_by(method: str, motion: str) -> str:
+    """The name of a method with a motion control."""
+    return method if motion == MOTIONS["dynamic window"] else f"{method}+{motion}"
 
 
 def live_numbers(studio: Studio) -> str:
