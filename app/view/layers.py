@@ -52,7 +52,7 @@ STYLES: dict[Layer, LayerStyle] = {
     Layer.PATROLS: LayerStyle("Patrols", "3", (228, 190, 150)),
     Layer.SCAN: LayerStyle("Lidar points", "4", palette.SCAN_LOW),
     Layer.COST: LayerStyle("Cost map", "5", (164, 122, 200), 0.7),
-    Layer.GROUPS: LayerStyle("Ground by its looks (GA-Nav)", None, (158, 190, 96), 0.6),
+    Layer.GROUPS: LayerStyle("Ground by its looks (GA-Nav)", None, (158, 190, 96), 0.75),
     Layer.ARCS: LayerStyle("Candidate arcs", "6", palette.CHOSEN_ARC),
     Layer.ROUTE: LayerStyle("Planned route", "7", palette.ROUTE),
     Layer.PATH: LayerStyle("Travelled path", "8", palette.TRAVELLED),

@@ -5,8 +5,6 @@ from __future__ import annotations
 import html
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from app.changes import Change
 from app.view import markup, segmentation
 from app.view.desk import Desk
@@ -32,7 +30,7 @@ class Panel:
         self._refusal, self._refusals = "", 0
         desk = Desk(viewer)
         self._held = desk.gui.add_html("")
-        self._inset, self._seen = desk.gui.add_html(""), None
+        self._inset, self._seen = desk.gui.add_html(""), ""
         self.replay = ReplayFolder(desk)
         tabs = desk.gui.add_tab_group()
         with tabs.add_tab("Plan"):
@@ -79,14 +77,9 @@ class Panel:
         """The camera's image with what the method takes it for, while it tells."""
         view, frame = self._viewer.view, self._viewer.studio.frame
         decision = None if frame is None or not view.layers.visible[Layer.GROUPS] else frame.decision
-        seen = None if decision is None else decision.segmentation
-        groups = None if seen is None else seen.groups
-        if groups is self._seen or (
-            groups is not None and self._seen is not None and np.array_equal(groups, self._seen)
-        ):
-            return
-        self._seen = groups
-        self._inset.content = segmentation.inset(seen)
+        shown = segmentation.inset(None if decision is None else decision.segmentation)
+        if shown != self._seen:
+            self._inset.content = self._seen = shown
 
     def refresh_layers(self) -> None:
         self._show_camera()

@@ -42,7 +42,7 @@ class GroupsLayer:
         self._source: Heightmap | None = None
         self._drawn: np.ndarray | None = None
         self._time_s = -np.inf
-        self._opacity = 0.6
+        self._opacity = 0.75
 
     def set_opacity(self, opacity: float) -> None:
         self._opacity = opacity
@@ -90,22 +90,22 @@ def picture(seen: Segmentation) -> bytes | None:
 
 
 def inset(seen: Segmentation | None) -> str:
-    """The picture over the lower left of the view, with what its colours mean, as HTML; empty without one."""
-    image = None if seen is None else picture(seen)
-    if image is None:
+    """The picture over the upper left of the view, where there is one, and what the groups' colours mean, as
+    HTML; empty where no ground is told."""
+    if seen is None:
         return ""
-    address = f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"
-    words = "What the robot takes its camera's image for"
+    image, words = picture(seen), "What the robot takes its camera's image for"
+    shown = ""
+    if image is not None:
+        address = f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"
+        style = "width:100%;display:block;border-radius:4px;margin-bottom:6px"
+        shown = f'<img alt="{words}" title="{words}" src="{address}" style="{style}">'
     box = (
-        "position:fixed;left:14px;bottom:14px;width:320px;z-index:5;pointer-events:none;border-radius:8px;"
-        "padding:8px;background:rgba(26,27,30,.86);font-size:12px;color:#e8e8e8"
+        "position:fixed;left:14px;top:14px;width:280px;z-index:5;pointer-events:none;border-radius:8px;"
+        "padding:8px;background:rgba(26,27,30,.86);font-size:12px;line-height:1.5;color:#e8e8e8"
     )
     keys = "".join(markup.chip(palette.GROUPS[group], word) for group, word in WORDS.items())
-    return (
-        f'<div id="camera-inset" style="{box}"><img alt="{words}" src="{address}"'
-        ' style="width:100%;display:block;border-radius:4px;image-rendering:pixelated">'
-        f'<div style="margin-top:6px;line-height:1.5">{keys}</div></div>'
-    )
+    return f'<div id="camera-inset" style="{box}">{shown}{keys}</div>'
 
 
 def legend() -> str:

@@ -74,8 +74,10 @@ def test_the_inset_shows_the_picture_and_names_every_colour() -> None:
     assert all(word in page for word in WORDS.values())
 
 
-def test_there_is_no_inset_without_an_image() -> None:
-    assert inset(None) == "" and inset(seen(image=False)) == ""
+def test_without_an_image_the_inset_has_the_colours_alone_and_without_ground_there_is_none() -> None:
+    told = inset(seen(image=False))
+    assert "<img" not in told and all(word in told for word in WORDS.values())
+    assert inset(None) == ""
 
 
 class Drawn:
