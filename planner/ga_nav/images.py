@@ -30,7 +30,7 @@ AIMED = 0.7
 
 NEAR, FAR_THINGS, FAR_GROUND, ASIDE = 1.2, 9.0, 5.0, math.radians(30.0)
 TILT = math.radians(2.5)  # standard deviation of how the robot nods and sways besides the ground's slope
-METERED = 125.0  # mean of an image, 0 to 255, that an automatic exposure aims at
+USUAL_LIGHT = Weather().level  # that a camera which adapts makes any other look like
 LEAVES = (CoverKind.TREE.value, CoverKind.BUSH.value)
 
 
@@ -42,7 +42,7 @@ class Sample:
     groups: np.ndarray
 
 
-def samples(terrain: Family, seed: int, count: int = 14) -> list[Sample]:
+def samples(terrain: Family, seed: int, count: int = 10) -> list[Sample]:
     """`count` images of the scene of a seed; the same arguments give the same images.
 
     Raises ScenarioError where the terrain gives none.
@@ -73,7 +73,7 @@ def photograph(rays: RayScene, pose: Pose, weather: Weather, lens: Lens, rng: np
     hits = rays.cast(origin, directions, HALF.max_range / float((camera.directions @ ahead).min()))
     rgb, surface = render(rays, hits, origin, directions, weather, rng)
     groups = pixel_groups(hits.body, surface, rays.bodies)
-    return Sample(_exposed(rgb.reshape(*shape, 3), lens, rng), groups.reshape(shape))
+    return Sample(_exposed(rgb.reshape(*shape, 3), weather, lens, rng), groups.reshape(shape))
 
 
 def render(
@@ -140,11 +140,10 @@ def _sky(weather: Weather, directions: np.ndarray) -> np.ndarray:
     return weather.horizon + (weather.zenith - weather.horizon) * np.sqrt(up)
 
 
-def _exposed(rgb: np.ndarray, lens: Lens, rng: np.random.Generator) -> np.ndarray:
-    """(h, w, 3) uint8 of what the lens and its sensor make of colours, 0 to 255 and more."""
-    if lens.metering:
-        rgb = rgb * (METERED / max(float(rgb.mean()), 1.0)) ** lens.metering
+def _exposed(rgb: np.ndarray, weather: Weather, lens: Lens, rng: np.random.Generator) -> np.ndarray:
+    """(h, w, 3) uint8 of what the lens and its sensor make of colours, 0 to 255 and more, in that light."""
     balance = lens.exposure * np.array([1.0 + lens.warmth, 1.0, 1.0 - lens.warmth])
+    balance *= (USUAL_LIGHT / weather.level) ** lens.adapting
     share = np.clip(rgb * balance / 255.0, 0.0, 1.0) ** lens.gamma
     if lens.blur:
         share = ndimage.gaussian_filter(share, (lens.blur, lens.blur, 0.0))

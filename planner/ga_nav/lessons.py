@@ -32,10 +32,10 @@ class Lessons:
     as many for the card's figures alone.
     """
 
-    scenes: int = 100
-    held_out: int = 16
+    scenes: int = 140
+    held_out: int = 20
     seed: int = 7000
-    epochs: int = 12
+    epochs: int = 14
 
     @property
     def seeds(self) -> tuple[range, range, range]:
@@ -56,7 +56,7 @@ class Lessons:
         return {
             "command": "covernav train --learner ga_nav" + "".join(changed),
             "data": "images of the semantic camera, rendered at 160 × 120 under drawn light, season, weather"
-            f" and lens; fourteen of each scene, the four terrains in turn, seeds {self.seed} to"
+            f" and lens; ten of each scene, the four terrains in turn, seeds {self.seed} to"
             f" {self.seed + self.scenes - 1} to learn from, then {self.held_out} each to validate and test",
         }
 

@@ -74,17 +74,23 @@ class Weather:
     season: Season = field(default_factory=lambda: Season((1.0, 1.0, 1.0), 0.0))
     variety: float = 0.0
 
+    @property
+    def level(self) -> np.ndarray:
+        """(3,) the light that level ground in the open gets."""
+        return self.skylight + self.sun[2] * self.sunlight
+
 
 @dataclass(frozen=True)
 class Lens:
     """What the camera makes of light.
 
-    metering : how far the exposure makes up for dark or bright scenes by itself, 0 to 1
+    adapting : how far exposure and white balance make up for the strength and colour of the light by
+        themselves, 0 to 1
     exposure : factor besides; warmth : share by which red is raised and blue lowered; gamma : exponent
     blur : standard deviation in pixels; grain, shot : of noise, of full white, and of a pixel's root
     """
 
-    metering: float = 0.0
+    adapting: float = 0.0
     exposure: float = 1.0
     warmth: float = 0.0
     gamma: float = 1.0
@@ -129,10 +135,10 @@ def draw_weather(rng: np.random.Generator) -> Weather:
 
 def draw_lens(rng: np.random.Generator) -> Lens:
     return Lens(
-        metering=float(rng.uniform(0.4, 1.0)),
-        exposure=float(np.exp(rng.normal(0.0, 0.15))),
-        warmth=float(rng.normal(0.0, 0.04)),
-        gamma=float(np.exp(rng.normal(0.0, 0.12))),
+        adapting=float(rng.uniform(0.7, 1.0)),
+        exposure=float(np.exp(rng.normal(0.0, 0.12))),
+        warmth=float(rng.normal(0.0, 0.03)),
+        gamma=float(np.exp(rng.normal(0.0, 0.1))),
         blur=float(rng.uniform(0.0, 0.8)),
         grain=float(rng.uniform(0.0, 0.025)),
         shot=float(rng.uniform(0.0, 0.02)),

@@ -130,13 +130,13 @@ def test_noise_is_of_its_size_and_blur_softens_edges() -> None:
     assert np.abs(np.diff(blurred, axis=1)).max() < 0.7 * np.abs(np.diff(plain, axis=1)).max()
 
 
-def test_metering_makes_up_for_a_dim_scene() -> None:
+def test_a_camera_that_adapts_makes_up_for_dim_and_coloured_light() -> None:
     rays = rays_of()
-    dim = Weather(
-        skylight=np.full(3, 0.1), sunlight=np.full(3, 0.1), horizon=np.full(3, 40.0), zenith=np.full(3, 40.0)
-    )
-    dark, metered = taken(rays, dim).rgb.mean(), taken(rays, dim, Lens(metering=1.0)).rgb.mean()
-    assert dark < 60.0 and metered == pytest.approx(125.0, abs=6.0)
+    red = Weather(skylight=np.array([0.2, 0.15, 0.1]), sunlight=np.array([0.3, 0.2, 0.1]))
+    dim, adapted, usual = taken(rays, red), taken(rays, red, Lens(adapting=1.0)), taken(rays)
+    ground = usual.groups == GROUP_CODE[TraversabilityGroup.ROUGH]
+    assert dim.rgb[ground].mean() < 0.6 * usual.rgb[ground].mean()
+    np.testing.assert_allclose(adapted.rgb[ground].mean(0), usual.rgb[ground].mean(0), atol=2.0)
 
 
 def test_drawn_light_is_light_that_there_is() -> None:
@@ -146,7 +146,7 @@ def test_drawn_light_is_light_that_there_is() -> None:
         for colours in (weather.ground, weather.horizon, weather.zenith):
             assert np.isfinite(colours).all() and (colours >= 0.0).all() and (colours <= 255.0).all()
         assert (weather.sunlight > 0.0).all() and (weather.skylight > 0.0).all() and weather.haze > 0.0
-        assert 0.4 <= lens.metering <= 1.0 and lens.exposure > 0.0 and lens.blur >= 0.0
+        assert 0.7 <= lens.adapting <= 1.0 and lens.exposure > 0.0 and lens.blur >= 0.0
 
 
 def test_all_four_seasons_come() -> None:
