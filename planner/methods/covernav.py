@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from planner.cost_map import CostMap
+from planner.cost_map import CostMap, obstacle_distance
 from planner.frames import CostPatch, Decision, Percept, Perception
 from planner.hull_exposure import hull_exposure
 from planner.methods.least_cost import ASTRAY, LeastCost, LeastCostConfig, Plan
+from planner.pace import Pace
 from planner.route import Route, least_cost_route, route_cost
 from planner.sensed_exposure import sensed_exposure
 from scenes.rays import RayScene
@@ -21,7 +22,10 @@ from scenes.scenario import Observer, Scenario
 
 @dataclass(frozen=True)
 class CoverNavConfig:
-    """weights : metres of hidden way that a metre in full view is worth, of the routes that are tried
+    """weights : metres of hidden way that a metre in full view at full speed is worth, of the routes tried at
+        first; later ones are tried `nearby` times the one whose route was taken, at most the `greatest`, and
+        as little of it
+    halvings : of the weights between the greatest whose route is short enough and one whose route is not
     longest : how many times as long as the shortest way the whole drive may be; a detour that is left of it
         is never less than `detour` times the shortest way from here
     length_share : metres in full view that a metre of way counts as, between routes
@@ -29,6 +33,7 @@ class CoverNavConfig:
         present one: what the map tells changes as it grows, and a robot that follows every change dithers
     drawn : points, of 0..100, that full view has in the cost map that is drawn
     cover : whether it heeds what the camera tells of cover; without, the map's word alone counts
+    pace : how fast the robot goes beside obstacles
     """
 
     weights: tuple[float, ...] = (2.0, 6.0, 15.0, 40.0)
@@ -41,6 +46,7 @@ class CoverNavConfig:
     loyalty: tuple[float, float] = (0.5, 0.2)
     drawn: float = 50.0
     cover: bool = True
+    pace: Pace = field(default_factory=Pace)
     planner: LeastCostConfig = field(default_factory=lambda: LeastCostConfig(look_ahead=1.4))
 
 
@@ -108,9 +114,12 @@ class CoverNav(LeastCost):
         if self._begun_m is None:
             self._begun_m = length
         allowed = max(self.covert.longest * self._begun_m - self._driven, self.covert.detour * length)
-        self._terms = terms = _Terms(cost_map, cost, seen, allowed, percept.goal, self.covert.length_share)
+        # Seconds in view count, and beside obstacles the robot is slow.
+        pace = self.covert.pace
+        in_view = seen * (pace.cruise / pace.speed(obstacle_distance(percept.grid)))
+        self._terms = terms = _Terms(cost_map, cost, in_view, allowed, percept.goal, self.covert.length_share)
         # Were only the exposure to grow dear, the way would hug obstacles that the dynamic window keeps off.
-        bad = seen + np.minimum(cost_map.total, 100.0) / 100.0
+        bad = in_view + np.minimum(cost_map.total, 100.0) / 100.0
         best, best_cost, least = shortest, cost, terms.burden(shortest.cells)
         low, high, tries = 0.5, math.inf, self._tries()
         while tries:
@@ -189,13 +198,14 @@ def _with_exposure(cost_map: CostMap, points: np.ndarray) -> CostPatch:
 class _Terms:
     """What routes over a map are compared on.
 
-    cost, seen : (rows, cols) without exposure, inf where forbidden, and the visible fraction
+    cost : (rows, cols) without exposure, inf where forbidden
+    in_view : (rows, cols) metres in full view at full speed that a metre here counts as
     allowed : metres that a route may be long; length_share : as in the configuration
     """
 
     map: CostMap
     cost: np.ndarray
-    seen: np.ndarray
+    in_view: np.ndarray
     allowed: float
     goal: tuple[float, float]
     length_share: float
@@ -207,7 +217,7 @@ class _Terms:
 
     def burden(self, cells: np.ndarray) -> float:
         """Metres in view along cells (k, 2), and the share of their length that counts beside."""
-        in_view = route_cost(self.seen, self.map.resolution, cells)
+        in_view = route_cost(self.in_view, self.map.resolution, cells)
         return in_view + self.length_share * _length(self.map, cells, self.goal)
 
 
