@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planner.dwa_kernel import roll_out
-from planner.frames import Arcs, Rejection, TrackedObstacle
+from planner.dwa_kernel import roll_out, weigh
+from planner.frames import Arcs, TrackedObstacle
 from planner.tracking import outline_discs
 from scenes.pose import Pose, Twist
 from scenes.robot import HUSKY
@@ -207,8 +207,10 @@ def evaluate(
     """
     start = np.array([pose.x, pose.y, pose.yaw])
     points = np.ascontiguousarray(surroundings.points, dtype=float).reshape(-1, 2)
-    ranges = np.hypot(points[:, 0] - pose.x, points[:, 1] - pose.y)
-    ranked = np.column_stack([points, ranges])[np.argsort(ranges, kind="stable")]
+    ranked = np.empty((len(points), 3))
+    ranked[:, :2] = points
+    ranked[:, 2] = np.hypot(points[:, 0] - pose.x, points[:, 1] - pose.y)
+    ranked = ranked[ranked[:, 2].argsort(kind="stable")]
     ground = surroundings.ground
     poses, heading, nearest, distance, unknown, tilt, free_time, rejection = roll_out(
         v, w, np.array([slip.turning, slip.driving]), start, np.array(target, float),
@@ -218,24 +220,17 @@ def evaluate(
         config.speed_margin, config.escape_speed, np.array(config.leaving), ranked,
         _discs(config, surroundings.moving), ground.elevation.astype(float), ground.forbidden,
         np.array([ground.x_min, ground.y_min, ground.resolution]), _WHEELS, 
-        np.tan([config.pitch_limit, config.roll_limit]),
+        np.array([math.tan(config.pitch_limit), math.tan(config.roll_limit)]),
     )  # fmt: skip
     weights = config.weights
-    fastest = config.max_speed if max_speed is None else max_speed
-    with np.errstate(divide="ignore"):
-        closeness = np.maximum(0.0, 1.0 / nearest - 1.0 / config.clearance_reach)
-    terms = (
-        weights.heading * heading,
-        weights.clearance * closeness,
-        weights.velocity * np.abs(fastest - v),
-        weights.goal * distance,
-        weights.unknown * unknown + weights.tilt * tilt,
-    )
-    total = np.where(rejection == Rejection.NONE, sum(terms), np.inf)
-    chosen = int(np.argmin(total))
-    if not np.isfinite(total[chosen]):
-        chosen = -1
-    return Rollout(Arcs(v, w, poses, *terms, total, rejection, chosen), free_time)
+    terms, total, chosen = weigh(
+        v, heading, nearest, distance, unknown, tilt, rejection,
+        weights.heading, weights.clearance, weights.velocity, weights.goal, weights.unknown, weights.tilt,
+        config.max_speed if max_speed is None else max_speed, config.clearance_reach,
+    )  # fmt: skip
+    heading, clearance, velocity, goal, beneath = terms
+    arcs = Arcs(v, w, poses, heading, clearance, velocity, goal, beneath, total, rejection, chosen)
+    return Rollout(arcs, free_time)
 
 
 def _discs(config: DwaConfig, moving: tuple[TrackedObstacle, ...]) -> np.ndarray:

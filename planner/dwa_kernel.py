@@ -107,6 +107,31 @@ def roll_out(
     return poses, heading, nearest, distance, unknown_share, tilt, free_time, rejection
 
 
+@njit(cache=True, error_model="numpy")
+def weigh(
+    v, heading, nearest, distance, unknown, tilt, rejection,
+    of_heading, of_clearance, of_velocity, of_goal, of_unknown, of_tilt, fastest, clearance_reach,
+):  # fmt: skip
+    """What each arc (n,) costs, by `roll_out`'s answers and the weight of each: the terms (5, n) heading,
+    clearance, velocity, goal and ground, their sum (n,), inf for a rejected arc, and the index of the
+    cheapest, -1 where all are rejected."""
+    n = len(v)
+    terms, total = np.empty((5, n)), np.empty(n)
+    chosen, least = -1, np.inf
+    for i in range(n):
+        terms[0, i] = of_heading * heading[i]
+        terms[1, i] = of_clearance * max(0.0, 1.0 / nearest[i] - 1.0 / clearance_reach)
+        terms[2, i] = of_velocity * abs(fastest - v[i])
+        terms[3, i] = of_goal * distance[i]
+        terms[4, i] = of_unknown * unknown[i] + of_tilt * tilt[i]
+        total[i] = np.inf
+        if rejection[i] == 0:
+            total[i] = terms[0, i] + terms[1, i] + terms[2, i] + terms[3, i] + terms[4, i]
+            if total[i] < least:
+                chosen, least = i, total[i]
+    return terms, total, chosen
+
+
 @njit(cache=True)
 def _trace(v, w, sideways, here, dt, heading_share, path):
     """Write one arc's poses, with the cosine and sine of their yaw, into `path` (steps + 1, 5)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -67,6 +68,7 @@ def _choose(
     return float(v[arcs.chosen]), float(w[arcs.chosen]), float(arcs.total[arcs.chosen])
 
 
+@cache
 def _config(peer: ReferenceDwa) -> DwaConfig:
     """Euler steps, one circle, every arc free over its whole length, and the peer's three terms alone."""
     return DwaConfig(

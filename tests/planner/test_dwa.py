@@ -270,3 +270,24 @@ def test_kernel_agrees_with_its_plain_twin(seed):
     np.testing.assert_allclose(ours[0], plain[0], atol=1e-9)
     for mine, theirs in zip(ours[1:-1], plain[1:-1], strict=True):
         np.testing.assert_allclose(mine, theirs, atol=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([2.0, math.inf]))
+def test_weighing_agrees_with_its_plain_twin(seed, reach):
+    rng = np.random.default_rng(seed)
+    v, heading, nearest, distance, unknown, tilt = rng.uniform(0.0, 3.0, (6, 9))
+    nearest[rng.random(9) < 0.2] = rng.choice([0.0, np.inf])
+    rejection = rng.choice([0, 0, 1, 5], 9).astype(np.int8)
+    weights = rng.uniform(0.0, 1.0, 6)
+    terms, total, chosen = dwa_kernel.weigh(
+        v, heading, nearest, distance, unknown, tilt, rejection, *weights, 0.8, reach
+    )
+    with np.errstate(divide="ignore"):
+        closeness = np.maximum(0.0, 1.0 / nearest - 1.0 / reach)
+    ground = weights[4] * unknown + weights[5] * tilt
+    plain = [
+        weights[0] * heading, weights[1] * closeness, weights[2] * abs(0.8 - v), weights[3] * distance, ground
+    ]  # fmt: skip
+    np.testing.assert_array_equal(terms, plain)
+    np.testing.assert_array_equal(total, np.where(rejection == 0, sum(plain), np.inf))
+    assert chosen == (int(np.argmin(total)) if np.isfinite(total).any() else -1)
