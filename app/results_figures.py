@@ -87,7 +87,7 @@ def success_against_exposure(rows: Sequence[Row], bounds: Sequence[Row], theme: 
         panel.grid(True)
         panel.set_xlim(left=0.0)
     panels[0].set_ylabel("success, %")
-    panels[0].set_ylim(min(panels[0].get_ylim()[0], 60.0), 101.5)
+    panels[0].set_ylim(min(panels[0].get_ylim()[0], 60.0), 103.0)
     _legend(figure, panels, _INKS[theme].quiet if any(b["bound_s"] is not None for b in bounds) else None)
     return figure
 
@@ -138,8 +138,8 @@ def _strip(panel: Axes, place: int, values: np.ndarray, colour: str, ink: str) -
     low, middle, high = np.percentile(values, [25, 50, 75])
     dots = values[:MOST_DOTS]
     spread = np.random.default_rng(place).uniform(-0.27, 0.27, len(dots))
-    panel.plot(dots, place + spread, ".", ms=3.5, color=colour, alpha=0.45, mew=0)
-    panel.plot([low, high], [place, place], lw=7, color=colour, alpha=0.8, solid_capstyle="butt")
+    panel.plot([low, high], [place, place], lw=7, color=colour, alpha=0.55, solid_capstyle="butt")
+    panel.plot(dots, place + spread, ".", ms=6, color=colour, alpha=0.75, mew=0)
     panel.plot([middle, middle], [place - 0.3, place + 0.3], lw=2, color=ink)
 
 
@@ -148,6 +148,7 @@ def trajectories(ground: Ground, drives: Sequence[tuple[str, Trajectory]], theme
     figure = Figure(figsize=(7.6, 6.2), layout="constrained")
     panel = figure.subplots()
     west, east, south, north = ground.bounds
+    near = ground.view([way for _, way in drives])
     panel.imshow(ground.picture, extent=(west, east, south, north), origin="lower", interpolation="bilinear")
     for watcher in ground.watchers:
         panel.fill(*np.array(watcher.sector).T, color="#f09128", alpha=0.12, lw=0)
@@ -157,6 +158,6 @@ def trajectories(ground: Ground, drives: Sequence[tuple[str, Trajectory]], theme
         panel.plot(way.x, way.y, lw=1.6, color=colour_of(name, False), label=name)
     panel.plot(*ground.start, "o", color="#c4ced6", mec="#1a1b1e", ms=8)
     panel.plot(*ground.goal, "*", color="#f4ce42", mec="#1a1b1e", ms=14)
-    panel.set(xlim=(west, east), ylim=(south, north), xlabel="x east, m", ylabel="y north, m", aspect="equal")
+    panel.set(xlim=near[:2], ylim=near[2:], xlabel="x east, m", ylabel="y north, m", aspect="equal")
     figure.legend(loc="outside right center")
     return figure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -13,6 +14,7 @@ from PIL import Image, ImageDraw
 
 from app.view.ground import painted
 from planner.scene_recipe import rebuilt
+from planner.trajectory import Trajectory
 from scenes.catalogue import CATALOGUE, Footprint
 from scenes.placement import crown_outline
 from scenes.scenario import CoverObject, Observer, Scenario
@@ -20,6 +22,7 @@ from scenes.terrain import Heightmap
 
 SECTOR_POINTS, ROUND_POINTS = 40, 28
 LONGEST_SIGHT = 200.0
+MARGIN = 5.0  # metres about the drives
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,16 @@ class Ground:
     @property
     def goal(self) -> tuple[float, float]:
         return self.scenario.goal.x, self.scenario.goal.y
+
+    def view(self, ways: Sequence[Trajectory]) -> tuple[float, float, float, float]:
+        """West, east, south, north of the square part of the map that the drives went through."""
+        x = np.concatenate([[self.start[0], self.goal[0]], *(way.x for way in ways)])
+        y = np.concatenate([[self.start[1], self.goal[1]], *(way.y for way in ways)])
+        west, east, south, north = self.bounds
+        side = min(max(np.ptp(x), np.ptp(y)) + 2.0 * MARGIN, east - west, north - south)
+        left = float(np.clip(0.5 * (x.min() + x.max() - side), west, east - side))
+        low = float(np.clip(0.5 * (y.min() + y.max() - side), south, north - side))
+        return left, left + float(side), low, low + float(side)
 
     def jpeg(self) -> bytes:
         """North up."""

@@ -71,15 +71,17 @@ class Reports:
 
     def scene(self, id: str, mission: int) -> dict[str, Any]:
         found = self.library.get(id)
-        ground = self.grounds.of(found.recipe(mission))
+        ground, drives = self.grounds.of(found.recipe(mission)), found.drives(mission)
         return {
-            "name": ground.scenario.name, "bounds": ground.bounds, "start": ground.start, "goal": ground.goal,
+            "name": ground.scenario.name, "bounds": ground.bounds,
+            "view": ground.view([drive.trajectory for drive in drives]),
+            "start": ground.start, "goal": ground.goal,
             "watchers": [
                 {"x": one.x, "y": one.y, "known": one.known, "sector": one.sector} for one in ground.watchers
             ],
             "drives": [
                 {name: drive.mission.get(name) for name in LISTED} | _way(drive.trajectory)
-                for drive in found.drives(mission)
+                for drive in drives
             ],
         }  # fmt: skip
 
@@ -181,7 +183,7 @@ def router(library: ResultsLibrary, replays: ReplayService) -> APIRouter:
 
     @routes.get("/{id}/scenes/{mission}")
     async def scene(id: Id, mission: MissionId) -> dict[str, Any]:
-        """A mission from above: its map's bounds, watchers, and where every method drove in it."""
+        """A mission from above: its map's bounds, the part driven through, watchers, and every method's way."""
         return await asyncio.to_thread(reports.scene, id, mission)
 
     @routes.get("/{id}/scenes/{mission}/map.jpg")

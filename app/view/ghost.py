@@ -14,9 +14,11 @@ GHOSTLY, ALPHA = 0.6, 235
 
 
 class Ghost:
-    """tint : the colour it is washed with; hidden at first"""
+    """tint : the colour it is washed with; label_at : metres above its feet; hidden at first"""
 
-    def __init__(self, scene: viser.SceneApi, name: str, tint: palette.RGB, label: str = "") -> None:
+    def __init__(
+        self, scene: viser.SceneApi, name: str, tint: palette.RGB, label: str = "", label_at: float = 1.1
+    ) -> None:
         self._frame = scene.add_frame(name, show_axes=False, visible=False)
         parts = [
             Surface.from_trimesh(part.mesh).moved(part.pose.rotation, part.pose.position)
@@ -29,7 +31,7 @@ class Ghost:
         ghost = Surface(body.vertices, body.faces, clear, blended=True)
         scene.add_glb(f"{name}/body", glb(ghost), cast_shadow=False)
         self._label = scene.add_label(
-            f"{name}/label", label, position=(0.0, 0.0, 1.1), anchor="bottom-center"
+            f"{name}/label", label, position=(0.0, 0.0, label_at), anchor="bottom-center"
         )
 
     def show(self, words: str) -> None:

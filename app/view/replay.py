@@ -67,7 +67,8 @@ class ReplayShow:
         self._drawn = replay
         self._goal.show(ring((goal.x, goal.y), 0.5, heightmap), palette.GOAL)
         for number, actor in enumerate(replay.actors):
-            self._ghosts.append(Ghost(self._scene, f"/{Layer.REPLAY.value}/ghost{number}", actor.colour))
+            name = f"/{Layer.REPLAY.value}/ghost{number}"
+            self._ghosts.append(Ghost(self._scene, name, actor.colour, label_at=1.1 + 0.5 * number))
             self._ways.append(_draped_way(actor.way.x, actor.way.y, heightmap, LIFT + 0.03 * number))
             self._driven.append(-1)
 

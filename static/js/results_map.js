@@ -8,14 +8,22 @@ function node(name, attributes) {
   return made;
 }
 
+function look(map, [west, east, south, north]) {
+  map.setAttribute("viewBox", `${west} ${-north} ${east - west} ${north - south}`);
+}
+
 const points = (xs, ys) => xs.map((x, place) => `${x},${-ys[place]}`).join(" ");
 
 /** Draws a scene as /api/results/{id}/scenes/{mission} gives it; metres, north up. */
 export function drawScene(map, list, scene, picture, methods) {
   const [west, east, south, north] = scene.bounds;
-  const metre = (east - west) / 100;
-  map.setAttribute("viewBox", `${west} ${-north} ${east - west} ${north - south}`);
-  map.replaceChildren(node("image", {
+  const metre = (scene.view[1] - scene.view[0]) / 100;
+  look(map, scene.view);
+  map.onclick = () => look(map, map.classList.toggle("whole") ? scene.bounds : scene.view);
+  map.classList.remove("whole");
+  const hint = node("title", {});
+  hint.textContent = "click for the whole map, and back";
+  map.replaceChildren(hint, node("image", {
     href: picture, x: west, y: -north, width: east - west, height: north - south, preserveAspectRatio: "none",
   }));
   for (const watcher of scene.watchers) {
