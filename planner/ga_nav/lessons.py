@@ -32,10 +32,10 @@ class Lessons:
     as many for the card's figures alone.
     """
 
-    scenes: int = 140
+    scenes: int = 120
     held_out: int = 20
     seed: int = 7000
-    epochs: int = 14
+    epochs: int = 12
 
     @property
     def seeds(self) -> tuple[range, range, range]:
