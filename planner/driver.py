@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -26,8 +25,9 @@ from planner.dwa import (
     evaluate,
     window,
 )
-from planner.frames import Arcs, Percept, Rejection, TrackedObstacle
+from planner.frames import Arcs, Percept
 from planner.motion import Motion, WeighedMotion
+from planner.way_out import corridors, crowded, evasive_arc, main_reason
 from scenes.pose import Pose, Twist, wrap_angle
 
 TRAIL_SPACING = 0.1
@@ -170,8 +170,8 @@ class Driver:
             return self._recover(percept, target, around, "no progress")
         if self._blocked_since is None:
             self._blocked_since = percept.time_s
-        reason = _main_reason(rollout.arcs)
-        evasion = evasive_arc(rollout, percept.moving, self.config.dwa.horizon)
+        reason = main_reason(rollout.arcs)
+        evasion = evasive_arc(rollout, percept.moving, self.config.dwa.dt)
         if evasion >= 0:
             arcs = replace(rollout.arcs, chosen=evasion)
             return Driven(_command(arcs), arcs, "giving way to something that moves")
@@ -271,7 +271,7 @@ class Driver:
         """World bearing along which it could go far, not far from the target's, and not tried before."""
         bearings = 2.0 * np.pi * np.arange(48) / 48.0
         contact = 0.5 * self.config.dwa.footprint.width + self.config.dwa.contact_distance
-        free = _corridors(percept, bearings, contact, self.config.corridor)
+        free = corridors(percept, bearings, contact, self.config.corridor)
         pose = percept.pose
         aside = np.abs(wrap_angle(bearings - math.atan2(target[1] - pose.y, target[0] - pose.x)))
         score = free - 0.15 * self.config.corridor * aside
@@ -348,16 +348,6 @@ def approach(
     return replace(dwa, horizon=horizon, weights=weights), max_speed
 
 
-def _corridors(percept: Percept, bearings: np.ndarray, half_width: float, reach: float) -> np.ndarray:
-    """(n,) metres that a disc of `half_width` can go along each world bearing before an obstacle point, at
-    most `reach`."""
-    offsets = percept.obstacle_points - (percept.pose.x, percept.pose.y)
-    along = np.cos(bearings)[:, None] * offsets[:, 0] + np.sin(bearings)[:, None] * offsets[:, 1]
-    across = np.cos(bearings)[:, None] * offsets[:, 1] - np.sin(bearings)[:, None] * offsets[:, 0]
-    ahead = (np.abs(across) < half_width) & (along > 0.0)
-    return np.min(np.where(ahead, along, reach), axis=1, initial=reach)
-
-
 def _command(arcs: Arcs) -> Twist:
     return Twist(float(arcs.v[arcs.chosen]), float(arcs.w[arcs.chosen]))
 
@@ -365,41 +355,3 @@ def _command(arcs: Arcs) -> Twist:
 def _ahead(percept: Percept, bearing: float, distance: float) -> tuple[float, float]:
     pose = percept.pose
     return pose.x + distance * math.cos(bearing), pose.y + distance * math.sin(bearing)
-
-
-_REASONS = {
-    Rejection.COLLISION: "an obstacle is too near",
-    Rejection.CANNOT_STOP: "no arc stops before the obstacle ahead",
-    Rejection.MOVING_OBSTACLE: "something that moves is in the way",
-    Rejection.SLOPE: "the ground ahead is too steep",
-    Rejection.TILT: "the robot would tilt too far",
-    Rejection.UNKNOWN_GROUND: "the ground ahead is unknown",
-    Rejection.OFF_THE_MAP: "the map ends here",
-}
-
-
-def _main_reason(arcs: Arcs) -> str:
-    counts = np.bincount(arcs.rejection, minlength=len(Rejection))
-    counts[Rejection.NONE] = 0
-    return f"no admissible arc, {_REASONS[Rejection(int(np.argmax(counts)))]}"
-
-
-def crowded(rollout: Rollout) -> bool:
-    """Whether something that moves bars an arc."""
-    return bool((rollout.arcs.rejection == Rejection.MOVING_OBSTACLE).any())
-
-
-def evasive_arc(rollout: Rollout, moving: Sequence[TrackedObstacle], seconds: float) -> int:
-    """The arc that something moving meets latest, of several the one that is farthest from all by the end of
-    its `seconds`; -1 where nothing that moves is in the way."""
-    if not crowded(rollout):
-        return -1
-    threatened = rollout.arcs.rejection == Rejection.MOVING_OBSTACLE
-    latest = rollout.free_time[threatened].max()
-    arcs = np.flatnonzero(threatened & (rollout.free_time >= latest - 1e-9))
-    x, y, _ = rollout.arcs.poses[arcs, -1].T
-    away = np.full(len(arcs), np.inf)
-    for thing in moving:
-        then_x, then_y = thing.x + seconds * thing.vx, thing.y + seconds * thing.vy
-        away = np.minimum(away, np.hypot(x - then_x, y - then_y) - thing.radius)
-    return int(arcs[np.argmax(away)])

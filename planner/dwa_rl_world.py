@@ -12,13 +12,14 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from planner.driver import DriverConfig, approach, crowded, evasive_arc
+from planner.driver import DriverConfig, approach
 from planner.dwa import Surroundings
 from planner.dwa_rl import Window, open_window
-from planner.dwa_rl_window import WINDOW, MovingHistory
+from planner.dwa_rl_window import MovingHistory
 from planner.frames import Status, TrackedObstacle
 from planner.oracle import true_obstacles
 from planner.tracking import POSITION_SIGMA, outline_discs
+from planner.way_out import crowded, evasive_arc
 from scenes.catalogue import CoverKind, Footprint
 from scenes.crossings import crossing_traffic
 from scenes.kinematic_kernel import FREE, SPEED, STATE_SIZE, YAW, YAW_RATE
@@ -160,7 +161,7 @@ class CrossingWorld:
     def _without_choice(self) -> Twist:
         """The driver's own way out: evade what moves, else stand."""
         arcs = self._window.rollout.arcs
-        evasion = evasive_arc(self._window.rollout, self._moving, WINDOW.horizon)
+        evasion = evasive_arc(self._window.rollout, self._moving, self._driver.dwa.dt)
         return Twist(float(arcs.v[evasion]), float(arcs.w[evasion])) if evasion >= 0 else Twist()
 
     def _tick(self, command: Twist) -> float:

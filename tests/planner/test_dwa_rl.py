@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from maps import drive, grid_map, percept
 
-from planner.driver import evasive_arc
 from planner.dwa import DwaConfig, Surroundings, window
 from planner.dwa_rl import POLICY, LearnedMotion, open_window
 from planner.dwa_rl_network import RowsArchitecture, WindowPolicy, load_window_policy, save_window_policy
@@ -24,6 +23,7 @@ from planner.frames import Rejection, Status, TrackedObstacle
 from planner.learning_errors import PolicyError
 from planner.methods import make_method
 from planner.tracking import outline_discs
+from planner.way_out import evasive_arc
 from scenes.pose import Pose, Twist
 from scenes.scenario import OBSTACLE_SIZES, ObstacleKind
 
@@ -251,7 +251,7 @@ def test_evading_is_away_from_what_comes():
     comes = (person(0.2, 0.75, 0.0, -1.2),)
     seen = opened(moving=comes, twist=Twist())
     assert not seen.admissible.any()
-    index = evasive_arc(seen.rollout, comes, WINDOW.horizon)
+    index = evasive_arc(seen.rollout, comes, DWA.dt)
     end = seen.rollout.arcs.poses[index, -1]
     then = np.array([0.2, 0.75 - 1.2 * WINDOW.horizon])
     assert np.hypot(*(end[:2] - then)) >= np.hypot(*then)
