@@ -26,12 +26,14 @@ BARRED = -1e9
 @dataclass(frozen=True)
 class RowsArchitecture:
     """rows, sets : of the tensor that is read; hidden : width; eagerness : logits by which the first row is
-    ahead of the last before anything is learnt."""
+    ahead of the last before anything is learnt; swiftness : by which the gains are learnt faster than the
+    rest."""
 
     rows: int = WINDOW.rows
     sets: int = WINDOW.sets
     hidden: int = 48
     eagerness: float = 15.0
+    swiftness: float = 5.0
     name: str = "dwa_rl_rows"
 
 
@@ -42,7 +44,7 @@ class WindowPolicy(nn.Module):
         super().__init__()
         self.architecture = shape = architecture or RowsArchitecture()
         # v, w and the to-goal cost are the same in all sets; the rank and whether it may be chosen beside.
-        read = shape.sets + 5
+        read = shape.sets + 7
         self.row = nn.Sequential(
             nn.Linear(read, shape.hidden), nn.ReLU(), nn.Linear(shape.hidden, 32), nn.ReLU()
         )
@@ -55,14 +57,14 @@ class WindowPolicy(nn.Module):
 
     def forward(self, tensor: Tensor, admissible: Tensor) -> tuple[Tensor, Tensor]:
         shape = self.architecture
-        newest, goal = tensor[:, :, -1], tensor[:, :, -1, CHANNELS.index("goal")]
-        obstacle = tensor[:, :, :, CHANNELS.index("obstacle")]
-        spread = goal.std(1, keepdim=True).clamp_min(1e-4)
+        newest, obstacle = tensor[:, :, -1], tensor[:, :, :, CHANNELS.index("obstacle")]
+        # A window is narrow: what tells its rows apart is where in it they are.
+        v, w, goal = (_standard(newest[:, :, CHANNELS.index(name)]) for name in ("v", "w", "goal"))
         rank = torch.linspace(0.0, 1.0, shape.rows).expand(len(tensor), -1)
         read = torch.cat(
             [
                 newest[:, :, :2],
-                ((goal - goal.mean(1, keepdim=True)) / spread)[..., None],
+                torch.stack([v, w, goal], 2),
                 0.5 * torch.log(obstacle + 1e-2) + 1.0,
                 rank[..., None],
                 admissible[..., None].float(),
@@ -73,9 +75,14 @@ class WindowPolicy(nn.Module):
         whole = torch.cat([rows.mean(1), rows.amax(1)], 1)
         beside = torch.relu(self.own(rows) + self.others(whole)[:, None])
         logits = self.score(beside).squeeze(2) - shape.eagerness * rank
-        logits = logits + (read * self.gains(whole)[:, None]).sum(2)
+        logits = logits + shape.swiftness * (read * self.gains(whole)[:, None]).sum(2)
         value = self.value(torch.relu(self.critic(whole))).squeeze(1)
         return torch.where(admissible, logits, torch.full_like(logits, BARRED)), value
+
+
+def _standard(values: Tensor) -> Tensor:
+    """Of mean 0 and deviation 1 over the rows (n, rows)."""
+    return (values - values.mean(1, keepdim=True)) / values.std(1, keepdim=True).clamp_min(1e-4)
 
 
 def save_window_policy(path: Path, policy: WindowPolicy) -> PolicyName:

@@ -32,7 +32,7 @@ class MotionLessons:
     judged_every : rounds from one judging to the next, over `judged` drives
     """
 
-    decisions: int = 100_000
+    decisions: int = 60_000
     seed: int = 0
     worlds: int = 16
     round: int = 128
@@ -45,7 +45,7 @@ class MotionLessons:
     entropy: float = 0.003
     value: float = 0.5
     most: float = 0.5
-    judged_every: int = 10
+    judged_every: int = 7
     judged: int = 48
 
     @property
