@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ def add_arguments(train: argparse.ArgumentParser) -> None:
         "--dataset", choices=["rugd", "rellis"],
         help="learn ga_nav from real images instead of rendered scenes: RUGD or RELLIS-3D",
     )  # fmt: skip
+    train.add_argument(
+        "--begin-with", type=Path, metavar="FILE", help="weights of ga_nav to learn on from; drawn ones else"
+    )
     train.add_argument("--data", type=Path, metavar="DIR", help="the folder that holds the data set")
 
 
@@ -51,14 +55,26 @@ def _learn(arguments: argparse.Namespace, folder: Path) -> None:
     scenes, held_out = arguments.scenes or usual.scenes, arguments.held_out or usual.held_out
     lessons = Lessons(scenes, held_out, seed, course.epochs)
     split, about = _data_set(arguments) if arguments.dataset else _scenes(folder, lessons, arguments.jobs)
-    bar = tqdm(
-        learn(folder, split, course, about), total=course.epochs, disable=None, unit="epoch", file=sys.stderr
-    )
+    begun = arguments.begin_with
+    if begun is not None:
+        about |= _beginning(begun, about)
+    epochs = learn(folder, split, course, about, begun)
+    bar = tqdm(epochs, total=course.epochs, disable=None, unit="epoch", file=sys.stderr)
     best = 0.0
     for now, _ in bar:
         best = max(best, now.mean_iou)
         bar.set_postfix_str(f"mIoU {100 * now.mean_iou:.1f} %, best {100 * best:.1f} %")
     print(f"mIoU {100 * best:.1f} % on images held out; weights in {folder / WEIGHTS}")
+
+
+def _beginning(weights: Path, about: dict[str, Any]) -> dict[str, Any]:
+    """The card's words on the weights that were begun with, by their own card where there is one."""
+    words: dict[str, Any] = {"command": f"{about['command']} --begin-with {weights.name}"}
+    card = weights.with_suffix(".json")
+    if card.is_file():
+        before = json.loads(card.read_text("utf-8"))
+        words["begun_with"] = {name: before.get(name) for name in ("sha256", "command", "steps")}
+    return words
 
 
 def _scenes(folder: Path, lessons: Any, jobs: int) -> tuple[Any, dict[str, Any]]:

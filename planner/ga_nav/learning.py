@@ -151,7 +151,8 @@ def _changed(
     mirrored = rng.random(count) < 0.5
     rgb = np.where(mirrored[:, None, None, None], rgb[:, :, ::-1], rgb)
     groups = np.where(mirrored[:, None, None], groups[:, :, ::-1], groups)
-    gain = torch.from_numpy(np.exp(rng.normal(0.0, (0.06, 0.015, 0.015, 0.015), (count, 4))).astype(np.float32))
+    drawn = np.exp(rng.normal(0.0, (0.06, 0.015, 0.015, 0.015), (count, 4)))
+    gain = torch.from_numpy(drawn.astype(np.float32))
     shift = torch.from_numpy(rng.normal(0.0, 0.02, (count, 1, 1, 1)).astype(np.float32))
     colours = _colours(rgb) * (gain[:, :1] * gain[:, 1:])[:, :, None, None] + shift
     return colours.clamp(0.0, 1.0), torch.from_numpy(groups.astype(np.int64))

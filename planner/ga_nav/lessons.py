@@ -104,14 +104,17 @@ def lessons_split(folder: Path, lessons: Lessons) -> Split:
     return Split(*(read(folder, seeds) for seeds in lessons.seeds))
 
 
-def learn(folder: Path, split: Split, course: Course, about: dict[str, Any]) -> Iterator[tuple[Score, bool]]:
+def learn(
+    folder: Path, split: Split, course: Course, about: dict[str, Any], begun: Path | None = None
+) -> Iterator[tuple[Score, bool]]:
     """Train; yields the validation's score after each epoch and whether it is the best so far, whose weights
     are in `WEIGHTS`. At the end `CARD` has the best one's figures on both held-out parts, and `about`.
 
-    Raises OSError."""
+    begun : weights to begin with instead of drawn ones
+    Raises OSError, PolicyError where there are no such weights."""
     torch.manual_seed(course.seed)
     folder.mkdir(parents=True, exist_ok=True)
-    network, best, chosen = GaNav(), None, 0
+    network, best, chosen = GaNav() if begun is None else load_network(begun)[0], None, 0
     for epoch, now in enumerate(fit(network, split.given, split.validation, course), 1):
         better = best is None or now.mean_iou > best.mean_iou
         if better:

@@ -85,6 +85,12 @@ def _terp(weights: Path | None = None) -> Method:
     return Terp() if weights is None else Terp(weights)
 
 
+def _ga_nav(weights: Path | None = None) -> Method:
+    from planner.methods.ga_nav import GaNavPlanner  # torch is for those who learn
+
+    return GaNavPlanner() if weights is None else GaNavPlanner(weights)
+
+
 METHODS: Mapping[str, MethodEntry] = {
     "least_cost": MethodEntry(
         lambda seed: LeastCost(),
@@ -101,6 +107,10 @@ METHODS: Mapping[str, MethodEntry] = {
     "terp": MethodEntry(
         lambda seed: _terp(),
         "TERP: a cost map from its network's attention over slopes, driven over by the dynamic window.",
+    ),
+    "ga_nav": MethodEntry(
+        lambda seed: _ga_nav(),
+        "GA-Nav: its network tells ground by its looks; follows the least-cost route over that and slopes.",
     ),
     "dwa": MethodEntry(
         lambda seed: PlainDwa(),
@@ -161,6 +171,7 @@ VARIANTS: Mapping[str, MethodEntry] = {
 LEARNED: Mapping[str, Callable[[Path], Method]] = {
     "covernav_paper": _covernav_paper,
     "terp": _terp,
+    "ga_nav": _ga_nav,
     "covernav": lambda weights: CoverNav(weights=weights),
 }
 """The methods that take other weights than their own."""

@@ -60,6 +60,17 @@ def test_it_learns_from_real_images(tmp_path) -> None:
     assert card["figures"]["test"]["images"] == 1
 
 
+def test_it_learns_on_from_weights_that_are_there(taught, tmp_path) -> None:
+    out = tmp_path / "out"
+    source = ["--dataset", "rugd", "--data", str(rugd(tmp_path / "rugd")), "--out", str(out)]
+    weights = taught / "ga_nav.safetensors"
+    assert main([*SMALL, *source, "--begin-with", str(weights)]) == 0
+    card = json.loads((out / "ga_nav.json").read_text())
+    assert card["command"].endswith("--begin-with ga_nav.safetensors")
+    assert card["begun_with"]["sha256"] == GaNavPlanner(weights).policy.sha256
+    assert main([*SMALL, *source, "--begin-with", str(tmp_path / "none.safetensors")]) == 2
+
+
 @pytest.mark.parametrize(("arguments", "words"), [
     (["--dataset", "rugd"], "--dataset and --data go together"),
     (["--data", "{tmp}"], "--dataset and --data go together"),

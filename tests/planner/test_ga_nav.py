@@ -1,5 +1,6 @@
 """GA-Nav as a planner: groups on the ground, what they cost, and the drive."""
 
+import json
 import math
 import pickle
 import subprocess
@@ -17,13 +18,17 @@ from maps import drive, grid_map, percept
 from planner.frames import CameraView, Perception, Segmentation
 from planner.ga_nav.ground import GroundGroups, GroupCosts, cut_out, project, true_groups
 from planner.ga_nav.groups import GROUP_CODE, GROUPS
-from planner.ga_nav.network import GaNav, Shape, save_network
+from planner.ga_nav.images import samples
+from planner.ga_nav.learning import Images, score
+from planner.ga_nav.network import GaNav, Shape, load_network, save_network
 from planner.learning_errors import PolicyError
-from planner.methods.ga_nav import GaNavPlanner
+from planner.methods import Learned, make_method
+from planner.methods.ga_nav import POLICY, GaNavPlanner
 from planner.perception import Perceiver
 from scenes.catalogue import TraversabilityGroup
 from scenes.pose import Pose, Twist
 from scenes.rays import RayScene
+from scenes.scenario import Family
 from scenes.sensors import SemanticCamera
 
 BACKGROUND, SMOOTH, ROUGH, BUMPY, FORBIDDEN, OBSTACLE = (GROUP_CODE[group] for group in TraversabilityGroup)
@@ -226,6 +231,25 @@ def test_weights_that_are_none_are_refused(tmp_path) -> None:
 def test_the_registry_does_not_import_torch_for_it() -> None:
     code = "import sys, planner.methods, planner.ga_nav.ground; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+# --- what is shipped ---------------------------------------------------------------------------------
+
+
+def test_the_shipped_weights_are_small_and_their_card_says_how_well_they_tell() -> None:
+    assert POLICY.stat().st_size < 5_000_000
+    card = json.loads(POLICY.with_suffix(".json").read_text())
+    assert {"command", "seed", "data", "steps", "figures", "weaknesses", "sha256"} <= set(card)
+    method = make_method("ga_nav")
+    assert isinstance(method, Learned) and card["sha256"] == method.policy.sha256
+    assert card["figures"]["test"]["miou"] >= 85.0
+
+
+def test_what_is_shipped_tells_a_scene_that_it_has_never_seen() -> None:
+    network, _ = load_network(POLICY)
+    images = samples(Family.LOW, 7500, 6)
+    unseen = Images(np.stack([each.rgb for each in images]), np.stack([each.groups for each in images]))
+    assert score(network, unseen).accuracy > 0.85
 
 
 # --- the camera's image in the percept ---------------------------------------------------------------
