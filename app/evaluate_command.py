@@ -38,6 +38,7 @@ def add_parser(commands: Any, whole: Any, number: Any, seed: Any) -> None:
     evaluate.add_argument("--seed", type=seed, default=0, help="of the first mission")
     evaluate.add_argument("--jobs", type=whole(1, 256), default=2, help="processes")
     evaluate.add_argument("--goal-distance", type=number(4.0, 60.0), default=12.0, metavar="M")
+    evaluate.add_argument("--cluster", metavar="ADDRESS", help="drive on a Ray cluster instead of here")
     evaluate.add_argument("--out", type=Path, metavar="DIR", help="keep finished missions; go on from them")
     evaluate.add_argument("--json", metavar="FILE|-")
     evaluate.set_defaults(command=evaluate_methods)
@@ -137,15 +138,28 @@ def _drive(
 
     from planner.evaluation_run import evaluate
 
+    pool = _pool(arguments)
     kept = 0 if journal is None else sum(spec in journal.results for spec in wanted)
     missions: list[dict[str, Any]] = []
     with _interruptible() as stop:
         bar = tqdm(total=len(wanted), initial=kept, disable=None, unit="mission", file=sys.stderr)
         with bar:
-            for result in evaluate(wanted, arguments.jobs, journal, stop):
+            for result in evaluate(wanted, pool, journal, stop):
                 missions.append(result)
                 bar.update(len(missions) > kept)
     return missions, len(missions) < len(wanted)
+
+
+def _pool(arguments: argparse.Namespace) -> Any:
+    from planner.evaluation_cluster import Cluster, ClusterError
+    from planner.evaluation_run import Local
+
+    if arguments.cluster is None:
+        return Local(arguments.jobs)
+    try:
+        return Cluster(arguments.cluster)
+    except ClusterError as error:
+        raise EvaluationRefusal(str(error)) from None
 
 
 @contextmanager

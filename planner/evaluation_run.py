@@ -1,7 +1,8 @@
 """An evaluation under way: missions to processes, results to the journal, whatever happens to either.
 
-joblib distributes: on this machine over loky's processes, on others through Ray's backend. One job is this
-process. What a worker was driving when it was killed is driven again, alone, and at last counted as an error.
+On this machine joblib distributes over loky's processes; one job is this process. What a worker was driving
+when it was killed is driven again, alone, and at last counted as an error. `planner.evaluation_cluster`
+drives elsewhere.
 """
 
 from __future__ import annotations
@@ -12,9 +13,8 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from functools import cache
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from joblib import Parallel, delayed
 from joblib.externals.loky import get_reusable_executor
@@ -30,46 +30,33 @@ ATTEMPTS = 2
 Result = dict[str, Any]
 
 
-class Local:
-    """Processes on this machine; one job is this process."""
+class Pool(Protocol):
+    """Where missions are driven."""
 
-    crashes: tuple[type[BaseException], ...] = (BrokenProcessPool,)
-    lost = "its worker process was killed"
-
-    def __init__(self, jobs: int) -> None:
-        self.jobs = jobs
-
-    def using(self) -> AbstractContextManager[Any]:
-        return nullcontext()
-
-    def attempt(self) -> Callable[[MissionSpec], Result]:
-        return attempt_here if self.jobs == 1 else attempt_apart
-
-    def close(self, at_once: bool) -> None:
-        """End the processes."""
-        if self.jobs > 1:
-            get_reusable_executor().shutdown(wait=True, kill_workers=at_once)
+    def driven(self, missing: Sequence[MissionSpec], stop: threading.Event) -> Iterator[Result]:
+        """Each mission's result as it is finished; none is begun once `stop` is set."""
+        ...
 
 
 def evaluate(
     wanted: Sequence[MissionSpec],
-    jobs: int = 1,
+    pool: Pool,
     journal: Journal | None = None,
     stop: threading.Event | None = None,
-    pool: Local | None = None,
 ) -> Iterator[Result]:
     """Yield every mission's result: first those that the journal holds, then each as it is finished.
 
     stop : when set, missions under way are finished and no more begun; so it is when the disk is full
-    pool : where to drive instead of `jobs` processes on this machine
     Raises OSError where the journal cannot be written.
     """
-    stop, pool = stop or threading.Event(), pool or Local(jobs)
+    stop = stop or threading.Event()
     done = journal.results if journal is not None else {}
     kept = [done[spec] for spec in wanted if spec in done]
     missing = [spec for spec in wanted if spec not in done]
     yield from kept
-    for result in _driven(missing, pool, stop):
+    if not missing:
+        return
+    for result in pool.driven(missing, stop):
         if journal is not None:
             journal.add(result)
             if journal.full:
@@ -77,48 +64,54 @@ def evaluate(
         yield result
 
 
-def _driven(missing: list[MissionSpec], pool: Local, stop: threading.Event) -> Iterator[Result]:
-    suspects: set[MissionSpec] = set()
-    crashes: Counter[MissionSpec] = Counter()
-    queue, at_once = deque(missing), True
-    try:
-        while queue and not stop.is_set():
-            # what was under way when a worker died is driven alone, to know which is to blame the next time
-            turn = [spec for spec in queue if spec not in suspects] or [queue[0]]
-            flying: dict[MissionSpec, None] = {}
-            finished: set[MissionSpec] = set()
-            try:
-                for spec, result in _turn(turn, pool, stop, flying):
+class Local:
+    """`jobs` processes on this machine, or this one; `attempt` drives a mission whatever goes wrong in it."""
+
+    def __init__(self, jobs: int, attempt: Callable[[MissionSpec], Result] | None = None) -> None:
+        self._jobs = jobs
+        self._attempt = attempt or (attempt_here if jobs == 1 else attempt_apart)
+
+    def driven(self, missing: Sequence[MissionSpec], stop: threading.Event) -> Iterator[Result]:
+        """See `Pool`; its processes end with it."""
+        suspects: set[MissionSpec] = set()
+        crashes: Counter[MissionSpec] = Counter()
+        queue, at_once = deque(missing), True
+        try:
+            while queue and not stop.is_set():
+                # what was under way when a worker died drives alone, to know which is to blame the next time
+                turn = [spec for spec in queue if spec not in suspects] or [queue[0]]
+                flying: dict[MissionSpec, None] = {}
+                finished: set[MissionSpec] = set()
+                try:
+                    for spec, result in self._turn(turn, stop, flying):
+                        finished.add(spec)
+                        yield result
+                except BrokenProcessPool:
+                    suspects |= flying.keys() - finished
+                    crashes.update(list(flying) if len(turn) == 1 else [])
+                for spec in [spec for spec in queue if crashes[spec] >= ATTEMPTS]:
                     finished.add(spec)
-                    yield result
-            except pool.crashes:
-                suspects |= flying.keys() - finished
-                crashes.update(list(flying) if len(turn) == 1 else [])
-            for spec in [spec for spec in queue if crashes[spec] >= ATTEMPTS]:
-                finished.add(spec)
-                yield failed(spec, f"{pool.lost} {ATTEMPTS} times while it drove that alone")
-            queue = deque(spec for spec in queue if spec not in finished)
-        at_once = False
-    finally:
-        pool.close(at_once)
+                    yield failed(spec, f"its process was killed {ATTEMPTS} times while it drove that alone")
+                queue = deque(spec for spec in queue if spec not in finished)
+            at_once = False
+        finally:
+            if self._jobs > 1:
+                get_reusable_executor().shutdown(wait=True, kill_workers=at_once)
 
+    def _turn(
+        self, turn: list[MissionSpec], stop: threading.Event, flying: dict[MissionSpec, None]
+    ) -> Iterator[tuple[MissionSpec, Result]]:
+        """Drive some missions; `flying` takes up those that were begun."""
 
-def _turn(
-    turn: list[MissionSpec], pool: Local, stop: threading.Event, flying: dict[MissionSpec, None]
-) -> Iterator[tuple[MissionSpec, Result]]:
-    """Drive some missions; `flying` takes up those that were begun."""
-    attempt = pool.attempt()
+        def begun() -> Iterator[Any]:
+            for spec in turn:
+                if stop.is_set():
+                    return
+                flying[spec] = None
+                yield delayed(_with_spec)(self._attempt, spec)
 
-    def begun() -> Iterator[Any]:
-        for spec in turn:
-            if stop.is_set():
-                return
-            flying[spec] = None
-            yield delayed(_with_spec)(attempt, spec)
-
-    with pool.using():
-        options: Any = {"pre_dispatch": pool.jobs, "batch_size": 1}
-        parallel = Parallel(n_jobs=pool.jobs, return_as="generator_unordered", **options)
+        options: Any = {"pre_dispatch": self._jobs, "batch_size": 1}
+        parallel = Parallel(n_jobs=self._jobs, return_as="generator_unordered", **options)
         yield from cast(Iterator[tuple[MissionSpec, Result]], parallel(begun()))
 
 

@@ -183,7 +183,7 @@ def router(library: ResultsLibrary, replays: ReplayService) -> APIRouter:
 
     @routes.get("/{id}/scenes/{mission}")
     async def scene(id: Id, mission: MissionId) -> dict[str, Any]:
-        """A mission from above: its map's bounds, the part driven through, watchers, and every method's way."""
+        """A mission from above: its map's bounds, the part driven through, watchers, every method's way."""
         return await asyncio.to_thread(reports.scene, id, mission)
 
     @routes.get("/{id}/scenes/{mission}/map.jpg")

@@ -37,11 +37,11 @@ def test_finished_missions_are_taken_from_the_journal(tmp_path, driven):
     with Journal(tmp_path) as journal:
         for seed in range(3):
             journal.add(mission(seed))
-        results = list(evaluate(wanted(), 1, journal))
+        results = list(evaluate(wanted(), Local(1), journal))
     assert [m["status"] for m in results] == ["reached"] * 3 + ["stuck"]
     assert [spec.seed for spec in driven] == [3]
     with Journal(tmp_path) as journal:
-        assert list(evaluate(wanted(), 1, journal)) == results
+        assert list(evaluate(wanted(), Local(1), journal)) == results
     assert len(driven) == 1
 
 
@@ -49,7 +49,7 @@ def test_a_journal_keeps_suites_apart(tmp_path, driven):
     with Journal(tmp_path) as journal:
         journal.add(mission(0, suite="covert", observers="known"))
         for suite in (Suite.COVERT, Suite.RANDOM):
-            list(evaluate(wanted(1, suite), 1, journal))
+            list(evaluate(wanted(1, suite), Local(1), journal))
     assert [spec.suite for spec in driven] == [Suite.RANDOM]
 
 
@@ -60,7 +60,7 @@ def test_what_goes_wrong_in_a_mission_is_its_result(monkeypatch):
         return mission(spec.seed)
 
     monkeypatch.setattr(evaluation, "drive", drive)
-    statuses = {m["seed"]: m for m in evaluate(wanted(3), 1)}
+    statuses = {m["seed"]: m for m in evaluate(wanted(3), Local(1))}
     assert [statuses[seed]["status"] for seed in range(3)] == ["reached", "error", "reached"]
     assert statuses[1]["reason"] == "RuntimeError: the wheels came off"
 
@@ -68,33 +68,24 @@ def test_what_goes_wrong_in_a_mission_is_its_result(monkeypatch):
 def test_when_told_to_stop_it_begins_no_more_and_keeps_what_is_finished(tmp_path, driven):
     stop = threading.Event()
     with Journal(tmp_path) as journal:
-        for _ in evaluate(wanted(), 1, journal, stop):
+        for _ in evaluate(wanted(), Local(1), journal, stop):
             stop.set()
         assert len(journal.results) == len(driven) < 4
 
 
 def test_a_full_disk_stops_it_too(tmp_path, driven):
     with Journal(tmp_path) as journal:
-        for _ in evaluate(wanted(), 1, journal):
+        for _ in evaluate(wanted(), Local(1), journal):
             journal.full = True
         assert len(driven) < 4 and len(journal.results) == len(driven)
-
-
-class Crashing(Local):
-    def __init__(self, jobs, marks):
-        super().__init__(jobs)
-        self._marks = marks
-
-    def attempt(self):
-        return partial(attempt, self._marks)
 
 
 def test_what_a_killed_worker_was_driving_is_driven_again_and_at_last_counted_as_an_error(tmp_path):
     marks = tmp_path / "marks"
     marks.mkdir()
     with Journal(tmp_path / "out") as journal:
-        results = {m["seed"]: m for m in evaluate(wanted(3), 2, journal, pool=Crashing(2, marks))}
+        results = {m["seed"]: m for m in evaluate(wanted(3), Local(2, partial(attempt, marks)), journal)}
         assert len(journal.results) == 3
-    assert results[1]["status"] == "error" and "its worker process was killed 2 times" in results[1]["reason"]
+    assert results[1]["status"] == "error" and "its process was killed 2 times" in results[1]["reason"]
     assert [results[seed]["status"] for seed in (0, 2)] == ["reached"] * 2
     assert len(list(marks.glob("1-*"))) >= ATTEMPTS and len(list(marks.glob("2-*"))) >= 2
