@@ -19,6 +19,9 @@ from planner.sensed_exposure import sensed_exposure
 from scenes.rays import RayScene
 from scenes.scenario import Observer, Scenario
 
+CHORD = 7
+"""Cells of a route that one straight line stands for when its length is taken."""
+
 
 @dataclass(frozen=True)
 class CoverNavConfig:
@@ -26,8 +29,10 @@ class CoverNavConfig:
         first; later ones are tried `nearby` times the one whose route was taken, at most the `greatest`, and
         as little of it
     halvings : of the weights between the greatest whose route is short enough and one whose route is not
-    longest : how many times as long as the shortest way the whole drive may be; a detour that is left of it
-        is never less than `detour` times the shortest way from here
+    longest : how many times as long as the shortest way the whole drive may be when it sets off, a little
+        more than the bound's twice, for the map's ways are longer; a detour that is left of it is never less
+        than `detour` times the shortest way from here
+    slack : metres that a way begun may turn out longer
     length_share : metres in full view that a metre of way counts as, between routes
     loyalty : metres in full view, and share of those ahead, that another route must spare to replace the
         present one: what the map tells changes as it grows, and a robot that follows every change dithers
@@ -40,7 +45,8 @@ class CoverNavConfig:
     nearby: float = 1.7
     greatest: float = 100.0
     halvings: int = 2
-    longest: float = 2.0
+    longest: float = 2.05
+    slack: float = 1.5
     detour: float = 1.2
     length_share: float = 0.03
     loyalty: tuple[float, float] = (0.5, 0.2)
@@ -142,8 +148,8 @@ class CoverNav(LeastCost):
         """Weights, ascending: all at first, then those about the one whose route was taken last."""
         if self._weight is None:
             return list(self.covert.weights)
-        above = min(self._weight * self.covert.nearby, self.covert.greatest)
-        return sorted({self._weight / self.covert.nearby, self._weight, above})
+        nearby = (self._weight / self.covert.nearby, self._weight, self._weight * self.covert.nearby)
+        return sorted({float(np.clip(w, self.covert.weights[0], self.covert.greatest)) for w in nearby})
 
     def _keep_old(self, percept: Percept, plan: Plan, route: Route) -> Plan:
         """Along the old route unless the new one spares enough."""
@@ -156,7 +162,7 @@ class CoverNav(LeastCost):
             return plan
         off_route = math.dist(rest[0], (percept.pose.x, percept.pose.y))
         behind = _to_go(plan.map, cells, percept.goal) - _to_go(plan.map, route.cells, percept.goal)
-        if off_route > ASTRAY or behind > ASTRAY or not terms.allow(cells):
+        if off_route > ASTRAY or behind > ASTRAY or not terms.allow(cells, self.covert.slack):
             return plan
         least, share = self.covert.loyalty
         burden = terms.burden(cells)
@@ -210,10 +216,10 @@ class _Terms:
     goal: tuple[float, float]
     length_share: float
 
-    def allow(self, cells: np.ndarray) -> bool:
-        """Whether the way along cells (k, 2) is free and not too long."""
+    def allow(self, cells: np.ndarray, slack: float) -> bool:
+        """Whether the way along cells (k, 2) is free and at most `slack` metres too long."""
         free = math.isfinite(route_cost(self.cost, self.map.resolution, cells))
-        return free and _length(self.map, cells, self.goal) <= self.allowed
+        return free and _length(self.map, cells, self.goal) <= self.allowed + slack
 
     def burden(self, cells: np.ndarray) -> float:
         """Metres in view along cells (k, 2), and the share of their length that counts beside."""
@@ -222,8 +228,10 @@ class _Terms:
 
 
 def _length(cost_map: CostMap, cells: np.ndarray, goal: tuple[float, float]) -> float:
-    """Metres along cells (k, 2), and straight on to a goal that lies off the map."""
-    steps = float(np.hypot(*np.diff(cells, axis=0).T).sum())
+    """Metres along cells (k, 2) by their chords, for the robot cuts the corners of the grid's eight ways, and
+    straight on to a goal that lies off the map."""
+    corners = np.concatenate([cells[:-1:CHORD], cells[-1:]])
+    steps = float(np.hypot(*np.diff(corners, axis=0).T).sum())
     return cost_map.resolution * steps + _to_go(cost_map, cells, goal)
 
 
