@@ -1,0 +1,90 @@
+"""`covernav evaluate`: a refusal is one line and status 2; groups of methods; tables in the folder."""
+
+import importlib
+import json
+
+import pytest
+from evaluations import drive
+
+from app import evaluate_command
+from app.cli import main
+from app.results_store import ResultsFile
+from planner import evaluation, methods
+from planner.methods import METHODS, MethodEntry
+
+QUICK = ["evaluate", "--methods", "dwa,least_cost", "--terrains", "normal", "--missions", "2", "--jobs", "1"]
+
+
+@pytest.fixture
+def undriven(monkeypatch):
+    """Nobody really drives."""
+    monkeypatch.setattr(
+        evaluation, "drive", lambda spec: drive(spec.seed, spec.method, suite="random", goal_distance=12.0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--methods", "teleport"], "no method 'teleport'"),
+        (["--methods", ","], "--methods names none"),
+        (["--methods", "dwa@whatever"], "takes no weights"),
+        (["--methods", "covernav_paper@nowhere.safetensors"], "nowhere.safetensors"),
+        (["--terrains", "normal,moon"], "no terrain 'moon'"),
+        (["--methods", "dwa", "--against", "covernav"], "add it to --methods"),
+        (["--methods", "dwa", "--cluster", "auto"], "covernav-studio[cluster]"),
+    ],
+)
+def test_what_cannot_be_asked_is_one_line(capsys, monkeypatch, options, reason):
+    def no_ray(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(importlib, "import_module", no_ray)
+    assert main(["evaluate", "--missions", "1", *options]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and reason in captured.err and captured.err.count("\n") == 1
+
+
+def test_a_folder_of_something_else_is_left_alone(capsys, tmp_path):
+    (tmp_path / "letters.txt").write_text("dear reader")
+    assert main([*QUICK, "--out", str(tmp_path)]) == 2
+    assert "holds no evaluation" in capsys.readouterr().err
+    assert [entry.name for entry in tmp_path.iterdir()] == ["letters.txt"]
+
+
+def test_the_folder_holds_the_tables_and_the_file_for_the_browser(capsys, tmp_path, undriven):
+    out = tmp_path / "lanes"
+    assert main([*QUICK, "--out", str(out), "--against", "dwa"]) == 0
+    text = capsys.readouterr().out
+    assert "[72]" in text and "*bound*" in text and "`least_cost` | `dwa`" in text
+    assert {entry.name for entry in out.iterdir()} == {
+        *("missions.jsonl", "table.json", "table.csv", "results.sqlite"),
+    }
+    table = json.loads((out / "table.json").read_text())
+    assert [row["method"] for row in table["rows"]] == ["dwa", "least_cost"]
+    file = ResultsFile(out / "results.sqlite")
+    assert file.title == "lanes" and len(file.missions()) == 4
+
+
+def test_the_document_has_rows_bound_pairs_missions_and_versions(capsys, undriven):
+    assert main([*QUICK, "--json", "-"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert list(document) == ["rows", "bounds", "paired", "versions", "missions"]
+    assert len(document["missions"]) == 4 and document["paired"][0]["against"] == "dwa"
+
+
+def test_an_evaluation_in_which_nothing_could_be_driven_fails(capsys, monkeypatch):
+    def broken(spec):
+        raise RuntimeError("no wheels")
+
+    monkeypatch.setattr(evaluation, "drive", broken)
+    assert main(QUICK) == 1
+    assert "RuntimeError: no wheels" in capsys.readouterr().err
+
+
+def test_groups_of_methods(monkeypatch):
+    entry = MethodEntry(METHODS["dwa"].make, "the plain window once more")
+    monkeypatch.setattr(methods, "VARIANTS", {"covernav[no_cover]": entry})
+    assert evaluate_command._methods("ablations") == ["covernav", "covernav[no_cover]"]
+    assert evaluate_command._methods("dwa,ablations,dwa") == ["dwa", "covernav", "covernav[no_cover]"]
+    assert set(evaluate_command._methods("all")) == {name for name in methods.COMPARED if name in METHODS}
