@@ -101,8 +101,8 @@ def inset(seen: Segmentation | None) -> str:
         style = "width:100%;display:block;border-radius:4px;margin-bottom:6px"
         shown = f'<img alt="{words}" title="{words}" src="{address}" style="{style}">'
     box = (
-        "position:fixed;left:14px;top:14px;width:280px;z-index:5;pointer-events:none;border-radius:8px;"
-        "padding:8px;background:rgba(26,27,30,.86);font-size:12px;line-height:1.5;color:#e8e8e8"
+        "position:fixed;left:14px;top:14px;width:212px;z-index:5;pointer-events:none;border-radius:8px;"
+        "padding:8px;background:rgba(26,27,30,.86);font-size:11.5px;line-height:1.45;color:#e8e8e8"
     )
     keys = "".join(markup.chip(palette.GROUPS[group], word) for group, word in WORDS.items())
     return f'<div id="camera-inset" style="{box}">{shown}{keys}</div>'
