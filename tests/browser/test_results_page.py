@@ -1,0 +1,27 @@
+"""The results page in a real browser: the table, a mission from above, and from there two ghosts in 3D."""
+
+import pytest
+from asking import PATIENCE_MS
+from playwright.sync_api import Page, expect
+
+pytestmark = pytest.mark.browser
+
+
+def test_from_the_table_to_two_ghosts_in_the_scene(page: Page, server):
+    page.get_by_role("link", name="Results").click()
+    expect(page.locator("#table tr.bound").first).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.locator("#table .paper").first).to_contain_text("paper")
+    expect(page.locator("#paired tbody tr").first).to_be_visible(timeout=PATIENCE_MS)
+    rows = page.locator("#drives tr[data-mission]")
+    rows.nth(1).click()
+    expect(rows.nth(1)).to_have_attribute("aria-selected", "true")
+    ways = page.locator("#map .way:not(.under)")
+    expect(ways.first).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.locator("#ways li")).to_have_count(ways.count(), timeout=PATIENCE_MS)
+    assert page.locator("#problem").inner_text() == ""
+
+    page.get_by_role("button", name="Replay in 3D").click()
+    viewer = page.frame_locator("#viewer")
+    expect(viewer.get_by_text("End the replay")).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.locator("#scenario")).to_contain_text("covert", timeout=PATIENCE_MS)
+    assert server.ask("/api/mission")["status"] == "idle"
