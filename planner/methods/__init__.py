@@ -73,10 +73,12 @@ class MethodEntry:
     description: str
 
 
-def _covernav_paper(weights: Path | None = None, **settings: bool) -> Method:
+def _covernav_paper(
+    weights: Path | None = None, *, attention: bool = True, literal: bool = False
+) -> Method:
     from planner.methods.covernav_paper import POLICY, CoverNavPaper, PaperConfig  # torch is for learners
 
-    return CoverNavPaper(weights or POLICY, PaperConfig(**settings))
+    return CoverNavPaper(weights or POLICY, PaperConfig(attention=attention, literal=literal))
 
 
 def _terp(weights: Path | None = None) -> Method:
