@@ -129,8 +129,7 @@ def post_watchers(
 def _odds(
     planner: CovertPlanner, places: np.ndarray, start: tuple[float, float], goal: tuple[float, float]
 ) -> np.ndarray:
-    """(n,) chances that a watcher takes each of the places (n, 2): most of all by the share of the lane that is in
-    view."""
+    """(n,) chances that a watcher takes each of the places (n, 2), by the share of the lane in view above all."""
     ground = planner.heightmap
     lane = points_about((start, goal), 2.0, LANE)
     lane = lane[np.array([ground.contains(x, y) for x, y in lane.tolist()])]

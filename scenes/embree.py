@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -17,6 +18,7 @@ Part = tuple[np.ndarray, np.ndarray]
 
 ANSWERS = ("tfar", "geomID", "primID", "Ng")
 RAYS_WORTH_A_THREAD = 4096
+PIECES = 4  # for each thread
 _CORES = len(os.sched_getaffinity(0))
 
 # One device for all scenes of the process: each keeps its own threads otherwise.
@@ -47,10 +49,24 @@ def first_hits(
     shares = min(_CORES, len(directions) // RAYS_WORTH_A_THREAD)
     if shares < 2:
         return tree.run(origins, directions, dists=reach, output=1)
-    own, *others = zip(*(np.array_split(rays, shares) for rays in (origins, directions, reach)), strict=True)
-    waiting = [_pool().submit(tree.run, *rays[:2], dists=rays[2], output=1) for rays in others]
-    answers = [tree.run(*own[:2], dists=own[2], output=1), *(answer.result() for answer in waiting)]
-    return {name: np.concatenate([answer[name] for answer in answers]) for name in ANSWERS}
+    # In pieces, for the sky is soon found empty and the ground below is not: who is done takes another.
+    pieces = [np.array_split(rays, PIECES * shares) for rays in (origins, directions, reach)]
+    left = deque(enumerate(zip(*pieces, strict=True)))
+    answers: dict[int, dict[str, np.ndarray]] = {}
+
+    def work() -> None:
+        while left:
+            try:
+                number, (begins, ways, lengths) = left.popleft()
+            except IndexError:  # somebody else has taken the last
+                return
+            answers[number] = tree.run(begins, ways, dists=lengths, output=1)
+
+    helpers = [_pool().submit(work) for _ in range(shares - 1)]
+    work()
+    for helper in helpers:
+        helper.result()
+    return {name: np.concatenate([answers[i][name] for i in range(len(answers))]) for name in ANSWERS}
 
 
 @cache
