@@ -129,7 +129,7 @@ def post_watchers(
 def _odds(
     planner: CovertPlanner, places: np.ndarray, start: tuple[float, float], goal: tuple[float, float]
 ) -> np.ndarray:
-    """(n,) chances that a watcher takes each of the places (n, 2), by the share of the lane in view above all."""
+    """(n,) chances that a watcher takes each of the places (n, 2), above all by its view of the lane."""
     ground = planner.heightmap
     lane = points_about((start, goal), 2.0, LANE)
     lane = lane[np.array([ground.contains(x, y) for x, y in lane.tolist()])]
