@@ -5,17 +5,15 @@ Samples that are there already are not collected again, so that a run that was c
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import torch
-from joblib import Parallel, delayed
 
+from planner import scene_samples
 from planner.checkpoint import write_file
 from planner.exposure_learning import Sample, Score, fit, samples, score
 from planner.exposure_network import ExposureNetwork, save_network
@@ -44,36 +42,24 @@ class Lessons:
 
 def collect(folder: Path, seeds: Sequence[int], jobs: int) -> Iterator[int]:
     """Drive the scenes that are not in `folder` yet; yields each seed as it is there. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    missing = [seed for seed in seeds if not _file(folder, seed).exists()]
-    yield from (seed for seed in seeds if seed not in set(missing))
-    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered")
-    yield from cast(Iterator[int], parallel(delayed(_collect)(folder, seed) for seed in missing))
+    return scene_samples.collect(folder, seeds, jobs, _taken)
 
 
-def _collect(folder: Path, seed: int) -> int:
+def _taken(seed: int) -> dict[str, np.ndarray]:
     families = list(Family)
     try:
         taken = samples(families[seed % len(families)], seed)
     except ScenarioError:  # a seed without a mission in which cover matters
         taken = []
-    packed = io.BytesIO()
-    np.savez_compressed(
-        packed,
-        layers=np.array([sample.layers for sample in taken]),
-        target=np.array([sample.target for sample in taken]),
-        counts=np.array([sample.counts for sample in taken]),
-    )
-    write_file(_file(folder, seed), packed.getvalue())
-    return seed
+    names = ("layers", "target", "counts")
+    return {name: np.array([getattr(sample, name) for sample in taken]) for name in names}
 
 
 def read(folder: Path, seeds: Sequence[int]) -> list[Sample]:
     """The samples of scenes that have been collected."""
     found = []
-    for seed in seeds:
-        with np.load(_file(folder, seed)) as arrays:
-            found += map(Sample, arrays["layers"], arrays["target"], arrays["counts"])
+    for arrays in scene_samples.kept(folder, seeds):
+        found += map(Sample, arrays["layers"], arrays["target"], arrays["counts"])
     return found
 
 
@@ -97,7 +83,3 @@ def learn(folder: Path, lessons: Lessons) -> Iterator[tuple[Score, bool]]:
             save_network(folder / WEIGHTS, network)
             write_file(folder / CARD, json.dumps(figures, indent=1).encode())
         yield now, better
-
-
-def _file(folder: Path, seed: int) -> Path:
-    return folder / f"{seed}.npz"

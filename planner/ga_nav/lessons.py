@@ -5,17 +5,16 @@ Images that are there already are not rendered again, so that a run that was cut
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
-from joblib import Parallel, delayed
 
+from planner import scene_samples
 from planner.checkpoint import write_file
 from planner.ga_nav.images import Sample, samples
 from planner.ga_nav.learning import Course, Images, Score, fit, score
@@ -63,31 +62,23 @@ class Lessons:
 
 def collect(folder: Path, seeds: Sequence[int], jobs: int) -> Iterator[int]:
     """Render the scenes that are not in `folder` yet; yields each seed as it is there. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    missing = [seed for seed in seeds if not _file(folder, seed).exists()]
-    yield from (seed for seed in seeds if seed not in set(missing))
-    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered")
-    yield from cast(Iterator[int], parallel(delayed(_collect)(folder, seed) for seed in missing))
+    return scene_samples.collect(folder, seeds, jobs, _taken)
 
 
-def _collect(folder: Path, seed: int) -> int:
+def _taken(seed: int) -> dict[str, np.ndarray]:
     families = list(Family)
     try:
-        taken = samples(families[seed % len(families)], seed)
+        images = _stacked(samples(families[seed % len(families)], seed))
     except ScenarioError:  # a seed that gives no scene
-        taken = []
-    packed = io.BytesIO()
-    np.savez_compressed(packed, rgb=_stacked(taken).rgb, groups=_stacked(taken).groups)
-    write_file(_file(folder, seed), packed.getvalue())
-    return seed
+        images = _stacked([])
+    return {"rgb": images.rgb, "groups": images.groups}
 
 
 def read(folder: Path, seeds: Sequence[int]) -> Images:
     """The images of scenes that have been rendered. Raises FileNotFoundError where one is missing."""
-    found = []
-    for seed in seeds:
-        with np.load(_file(folder, seed)) as arrays:
-            found += map(Sample, arrays["rgb"], arrays["groups"])
+    found: list[Sample] = []
+    for arrays in scene_samples.kept(folder, seeds):
+        found += map(Sample, arrays["rgb"], arrays["groups"])
     return _stacked(found)
 
 
@@ -140,7 +131,3 @@ def _stacked(taken: Sequence[Sample]) -> Images:
     if not taken:
         return Images(np.zeros((0, 120, 160, 3), np.uint8), np.zeros((0, 120, 160), np.uint8))
     return Images(np.stack([each.rgb for each in taken]), np.stack([each.groups for each in taken]))
-
-
-def _file(folder: Path, seed: int) -> Path:
-    return folder / f"{seed}.npz"

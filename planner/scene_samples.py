@@ -1,0 +1,44 @@
+"""Samples for learning, a file for each seeded scene: those that are there are not made again, so that a run
+that was cut off goes on."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from planner.checkpoint import write_file
+
+Arrays = Mapping[str, np.ndarray]
+
+
+def collect(folder: Path, seeds: Sequence[int], jobs: int, take: Callable[[int], Arrays]) -> Iterator[int]:
+    """Keep what `take` makes of each seed that is not in `folder` yet, on `jobs` processes; yields each seed
+    as it is there. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    missing = [seed for seed in seeds if not _file(folder, seed).exists()]
+    yield from (seed for seed in seeds if seed not in set(missing))
+    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered")
+    yield from cast(Iterator[int], parallel(delayed(_keep)(folder, seed, take) for seed in missing))
+
+
+def _keep(folder: Path, seed: int, take: Callable[[int], Arrays]) -> int:
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **take(seed))  # type: ignore[arg-type]
+    write_file(_file(folder, seed), packed.getvalue())
+    return seed
+
+
+def kept(folder: Path, seeds: Sequence[int]) -> Iterator[Arrays]:
+    """The arrays of each seed. Raises FileNotFoundError where one is missing."""
+    for seed in seeds:
+        with np.load(_file(folder, seed)) as arrays:
+            yield dict(arrays)
+
+
+def _file(folder: Path, seed: int) -> Path:
+    return folder / f"{seed}.npz"
