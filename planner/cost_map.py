@@ -45,6 +45,8 @@ class CostMap:
     layers : name -> (rows, cols) float, points of 0..100
     forbidden : (rows, cols) bool, where the robot's centre must not be
     unknown : (rows, cols) bool
+    clearance : (rows, cols) metres to the nearest cell that blocks the robot's body, inf where none does
+    tight : (rows, cols) bool, forbidden for its margin alone: the body would fit
     """
 
     x_min: float
@@ -53,6 +55,8 @@ class CostMap:
     layers: Mapping[str, np.ndarray]
     forbidden: np.ndarray
     unknown: np.ndarray
+    clearance: np.ndarray
+    tight: np.ndarray
 
     @cached_property
     def total(self) -> np.ndarray:
@@ -80,7 +84,7 @@ class CostMap:
 
 def build(grid: GridMap, config: CostConfig) -> CostMap:
     """Slope, roughness, obstacle and unknown layers of the robot's map."""
-    gradient, roughness = surface_shape(grid.elevation, grid.resolution)
+    gradient, roughness = ground_shape(grid)
     unknown = grid.unknown
     steepness = np.nan_to_num(gradient / math.tan(config.max_slope))
     uneven = np.nan_to_num(roughness / config.max_roughness)
@@ -92,8 +96,9 @@ def build(grid: GridMap, config: CostConfig) -> CostMap:
         "obstacle": config.obstacle * np.clip(near, 0.0, 1.0) ** 2,
         "unknown": config.unknown * unknown,
     }
-    forbidden = (distance < config.rim) | (steepness > 1.0)
-    return CostMap(grid.x_min, grid.y_min, grid.resolution, layers, forbidden, unknown)
+    rim, steep = distance < config.rim, steepness > 1.0
+    tight = rim & ~steep & (distance > HUSKY.inscribed_radius)
+    return CostMap(grid.x_min, grid.y_min, grid.resolution, layers, rim | steep, unknown, distance, tight)
 
 
 def shunning(cost_map: CostMap, places: Sequence[tuple[float, float]], berth: float) -> CostMap:
@@ -111,6 +116,11 @@ def obstacle_distance(grid: GridMap) -> np.ndarray:
     if not grid.obstacle.any():
         return np.full(grid.shape, np.inf)
     return distance_transform_edt(~grid.obstacle, sampling=grid.resolution)  # type: ignore[return-value]
+
+
+def ground_shape(grid: GridMap) -> tuple[np.ndarray, np.ndarray]:
+    """`surface_shape` of the ground alone: what stands on it does not make the cells beside it steep."""
+    return surface_shape(np.where(grid.obstacle, np.nan, grid.elevation), grid.resolution)
 
 
 def surface_shape(elevation: np.ndarray, resolution: float) -> tuple[np.ndarray, np.ndarray]:
@@ -176,12 +186,19 @@ def ground_near(grid: GridMap, x: float, y: float, reach: float, config: CostCon
     row, col = grid.cell(x, y)
     cells = math.ceil(reach / grid.resolution)
     top, left = max(row - cells, 0), max(col - cells, 0)
-    elevation = grid.elevation[top : max(row + cells + 1, 0), left : max(col + cells + 1, 0)].astype(float)
-    gradient, _ = surface_shape(elevation, grid.resolution)
+    window = slice(top, max(row + cells + 1, 0)), slice(left, max(col + cells + 1, 0))
+    near = replace(
+        grid,
+        x_min=grid.x_min + left * grid.resolution,
+        y_min=grid.y_min + top * grid.resolution,
+        elevation=grid.elevation[window],
+        obstacle=grid.obstacle[window],
+    )
+    gradient, _ = ground_shape(near)
     return Ground(
-        grid.x_min + left * grid.resolution,
-        grid.y_min + top * grid.resolution,
-        grid.resolution,
-        elevation,
+        near.x_min,
+        near.y_min,
+        near.resolution,
+        near.elevation.astype(float),
         np.nan_to_num(gradient) > math.tan(config.max_slope),
     )

@@ -48,6 +48,8 @@ class DriverConfig:
     deceleration : m/s² with which it slows down toward the goal; slowest : m/s it does not fall below before
     shortest_horizon : of the arcs when the target is near
     patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery
+    boldness : seconds without progress after which the clearance no longer counts among the admissible arcs,
+        until the robot is `emboldened` metres away: in a narrow passage standing still is the clearest arc
     backing, leaving : how far a recovery drives back and away
     recovery_limit : longest that a part of it takes
     slip_rate, most_slip, least_motion : how fast slip aside is learnt, the most metres a radian or a metre
@@ -67,6 +69,8 @@ class DriverConfig:
     blocked_patience: float = 0.8
     patience: float = 3.0
     progress: float = 0.3
+    boldness: float = 1.0
+    emboldened: float = 1.2
     backing: float = 0.7
     leaving: float = 1.5
     recovery_limit: float = 5.0
@@ -132,6 +136,7 @@ class Driver:
         self._before: Pose | None = None
         self._tried: list[float] = []
         self._trouble: _Mark | None = None
+        self._narrow: _Mark | None = None
         self._recoveries = 0
 
     @property
@@ -165,6 +170,7 @@ class Driver:
         rollout = self._arcs(percept, target, around, self.motion)
         if rollout.arcs.chosen >= 0:
             self._blocked_since = None
+            self._take_heart(percept)
             if self._moves_on(percept):
                 return Driven(_command(rollout.arcs), rollout.arcs, self._words(percept))
             return self._recover(percept, target, around, "no progress")
@@ -185,8 +191,12 @@ class Driver:
 
     @property
     def _dwa(self) -> DwaConfig:
-        config = self.config
-        return replace(config.dwa, leaving=config.squeezing) if self._squeezes else config.dwa
+        dwa = self.config.dwa
+        if self._squeezes:
+            dwa = replace(dwa, leaving=self.config.squeezing)
+        if self._narrow is not None:
+            dwa = replace(dwa, weights=replace(dwa.weights, clearance=0.0))
+        return dwa
 
     @property
     def _expected_slip(self) -> Slip:
@@ -244,6 +254,13 @@ class Driver:
             self._progress = _Mark.of(percept)
             return True
         return percept.time_s - mark.time_s < self.config.patience
+
+    def _take_heart(self, percept: Percept) -> None:
+        if self._narrow is not None:
+            if self._narrow.distance(percept) > self.config.emboldened:
+                self._narrow = None
+        elif self._progress is not None and percept.time_s - self._progress.time_s >= self.config.boldness:
+            self._narrow = _Mark.of(percept)
 
     # --- recovery --------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planner.cost_map import CostMap, obstacle_distance
+from planner.cost_map import CostMap
 from planner.frames import CostPatch, Decision, Percept, Perception
 from planner.hull_exposure import hull_exposure
 from planner.methods.least_cost import ASTRAY, LeastCost, LeastCostConfig, Plan
@@ -34,6 +34,7 @@ class CoverNavConfig:
         than `detour` times the shortest way from here
     slack : metres that a way begun may turn out longer
     length_share : metres in full view that a metre of way counts as, between routes
+    failure : metres in full view that a metre counts as where a drive has failed
     loyalty : metres in full view, and share of those ahead, that another route must spare to replace the
         present one: what the map tells changes as it grows, and a robot that follows every change dithers
     drawn : points, of 0..100, that full view has in the cost map that is drawn
@@ -49,6 +50,7 @@ class CoverNavConfig:
     slack: float = 1.5
     detour: float = 1.2
     length_share: float = 0.03
+    failure: float = 8.0
     loyalty: tuple[float, float] = (0.5, 0.2)
     drawn: float = 50.0
     cover: bool = True
@@ -122,10 +124,11 @@ class CoverNav(LeastCost):
         allowed = max(self.covert.longest * self._begun_m - self._driven, self.covert.detour * length)
         # Seconds in view count, and beside obstacles the robot is slow.
         pace = self.covert.pace
-        in_view = seen * (pace.cruise / pace.speed(obstacle_distance(percept.grid)))
-        self._terms = terms = _Terms(cost_map, cost, in_view, allowed, percept.goal, self.covert.length_share)
+        in_view = seen * (pace.cruise / pace.speed(cost_map.clearance))
+        toll = in_view + self.covert.failure * cost_map.layers.get("shunned", 0.0) / 100.0
+        self._terms = terms = _Terms(cost_map, toll, allowed, percept.goal, self.covert.length_share)
         # Were only the exposure to grow dear, the way would hug obstacles that the dynamic window keeps off.
-        bad = in_view + np.minimum(cost_map.total, 100.0) / 100.0
+        bad = toll + np.minimum(cost_map.total, 100.0) / 100.0
         best, best_cost, least = shortest, cost, terms.burden(shortest.cells)
         low, high, tries = 0.5, math.inf, self._tries()
         while tries:
@@ -162,13 +165,15 @@ class CoverNav(LeastCost):
             return plan
         off_route = math.dist(rest[0], (percept.pose.x, percept.pose.y))
         behind = _to_go(plan.map, cells, percept.goal) - _to_go(plan.map, route.cells, percept.goal)
-        if off_route > ASTRAY or behind > ASTRAY or not terms.allow(cells, self.covert.slack):
+        cost = self._lenient(plan)
+        free = math.isfinite(route_cost(cost, plan.map.resolution, cells))
+        if not free or off_route > ASTRAY or behind > ASTRAY or not terms.allow(cells, self.covert.slack):
             return plan
         least, share = self.covert.loyalty
         burden = terms.burden(cells)
         if burden - terms.burden(route.cells) > max(least, share * burden):
             return plan
-        return replace(plan, points=rest, reason="")
+        return replace(plan, cost=cost, points=rest, reason="")
 
     def _exposure(self, percept: Percept) -> np.ndarray:
         """(rows, cols) float32 visible fraction over the percept's grid."""
@@ -204,27 +209,24 @@ def _with_exposure(cost_map: CostMap, points: np.ndarray) -> CostPatch:
 class _Terms:
     """What routes over a map are compared on.
 
-    cost : (rows, cols) without exposure, inf where forbidden
-    in_view : (rows, cols) metres in full view at full speed that a metre here counts as
+    toll : (rows, cols) metres in full view at full speed that a metre here counts as
     allowed : metres that a route may be long; length_share : as in the configuration
     """
 
     map: CostMap
-    cost: np.ndarray
-    in_view: np.ndarray
+    toll: np.ndarray
     allowed: float
     goal: tuple[float, float]
     length_share: float
 
     def allow(self, cells: np.ndarray, slack: float) -> bool:
-        """Whether the way along cells (k, 2) is free and at most `slack` metres too long."""
-        free = math.isfinite(route_cost(self.cost, self.map.resolution, cells))
-        return free and _length(self.map, cells, self.goal) <= self.allowed + slack
+        """Whether the way along cells (k, 2) is at most `slack` metres too long."""
+        return _length(self.map, cells, self.goal) <= self.allowed + slack
 
     def burden(self, cells: np.ndarray) -> float:
         """Metres in view along cells (k, 2), and the share of their length that counts beside."""
-        in_view = route_cost(self.in_view, self.map.resolution, cells)
-        return in_view + self.length_share * _length(self.map, cells, self.goal)
+        toll = route_cost(self.toll, self.map.resolution, cells)
+        return toll + self.length_share * _length(self.map, cells, self.goal)
 
 
 def _length(cost_map: CostMap, cells: np.ndarray, goal: tuple[float, float]) -> float:

@@ -131,7 +131,7 @@ class LeastCost:
             cost_map = shunning(cost_map, self._shunned, self.config.berth)
         cost = 1.0 + cost_map.total / self.config.points_per_metre
         here = np.array([percept.pose.x, percept.pose.y])
-        dearest = 1.0 + 100.0 / self.config.points_per_metre
+        dearest = self._dearest
         blocked = percept.grid.obstacle
         # Where the robot stands, and the goal when it is close to something, the rim does not forbid.
         open_about(cost, cost_map, here, HUSKY.circumscribed_radius, dearest, blocked)
@@ -163,7 +163,10 @@ class LeastCost:
         return least_cost_route(cost, cost_map.resolution, start, goal), cost, cost_map.patch()
 
     def _keep_old(self, percept: Percept, plan: Plan, route: Route) -> Plan:
-        """The new plan, along the old route where that is still about as good."""
+        """The new plan, along the old route where that is still about as good.
+
+        What the map tells of a narrow passage wavers by a cell from scan to scan; a route that leads through
+        one holds while the body fits."""
         old = self._plan
         if old is None or not len(old.points) or not route.found:
             return plan
@@ -173,10 +176,19 @@ class LeastCost:
             return plan
         off_route = float(np.hypot(*(rest[0] - (percept.pose.x, percept.pose.y))))
         to_go = float(np.hypot(*(rest[-1] - percept.goal)))
-        old_cost = off_route + route_cost(plan.cost, plan.map.resolution, cells) + to_go
+        cost = self._lenient(plan)
+        old_cost = off_route + route_cost(cost, plan.map.resolution, cells) + to_go
         if off_route > ASTRAY or old_cost * (1.0 - self.config.loyalty) > route.cost:
             return plan
-        return replace(plan, points=rest, reason="")
+        return replace(plan, cost=cost, points=rest, reason="")
+
+    def _lenient(self, plan: Plan) -> np.ndarray:
+        """The plan's cost (rows, cols), the dearest instead of inf where the robot would just fit."""
+        return np.where(np.isinf(plan.cost) & plan.map.tight, self._dearest, plan.cost)
+
+    @property
+    def _dearest(self) -> float:
+        return 1.0 + 100.0 / self.config.points_per_metre
 
     def _rest_of_route(self, percept: Percept, plan: Plan) -> np.ndarray:
         """(k, 2) the route's points from the one nearest to the robot on."""

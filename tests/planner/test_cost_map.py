@@ -46,6 +46,21 @@ def test_obstacles_forbid_a_rim_and_cost_less_with_distance():
     assert beyond[-1] == 0.0
 
 
+def test_where_only_the_margin_is_missing_is_tight():
+    cost = build(grid_map(blocked=lambda x, y: np.abs(x) < 0.1), CONFIG)
+    tight = cost.tight[cost.cell(0.0, 0.0)[0]]
+    at = {round(0.2 * step, 1): tight[cost.cell(0.2 * step, 0.0)[1]] for step in range(4)}
+    assert at == {0.0: False, 0.2: False, 0.4: True, 0.6: False}
+    assert cost.forbidden[cost.tight].all()
+
+
+def test_what_stands_on_the_ground_does_not_make_it_steep():
+    box = grid_map(lambda x, y: 1.0 * (np.abs(x) < 0.1), lambda x, y: np.abs(x) < 0.1)
+    assert not ground_near(box, 0.0, 0.0, 2.0, CONFIG).forbidden.any()
+    bank = grid_map(lambda x, y: 1.0 * (np.abs(x) < 0.1))
+    assert ground_near(bank, 0.0, 0.0, 2.0, CONFIG).forbidden.any()
+
+
 def test_rough_ground_costs_and_a_plane_does_not():
     rng = np.random.default_rng(3)
     bumps = rng.normal(0.0, 0.03, (81, 81))

@@ -58,6 +58,15 @@ def test_goes_around_something_small():
     assert min(gaps) > 0.4 + 0.335
 
 
+def test_goes_through_a_passage_a_hand_wider_than_itself():
+    grid = grid_map(blocked=lambda x, y: (np.abs(x - 2.0) < 0.6) & (np.abs(y) > 0.55))
+    aside = Pose(0.0, 0.6, 0.0)
+    assert distances(drive(toward_goal(Driver()), grid, aside))[-1] < 0.35
+    # Without boldness it stands before it, where it is the clearest.
+    timid = Driver(DriverConfig(boldness=math.inf))
+    assert distances(drive(toward_goal(timid), grid, aside))[-1] > 4.0
+
+
 def test_facing_a_wall_it_says_why_and_looks_for_a_way_around():
     grid = grid_map(blocked=lambda x, y: (np.abs(x - 2.0) < 0.3) & (np.abs(y) < 2.0))
     driver = Driver()

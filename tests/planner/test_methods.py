@@ -96,6 +96,35 @@ def test_between_two_equal_ways_it_keeps_to_the_one_it_took():
     assert len(set(sides)) == 1
 
 
+@pytest.mark.parametrize("half_length", [0.6, 1.2])
+def test_least_cost_passes_a_passage_a_hand_wider_than_the_robot(half_length):
+    grid = grid_map(blocked=lambda x, y: (np.abs(x - 2.0) < half_length) & (np.abs(y) > 0.55))
+    log = drive(make_method("least_cost").decide, grid, Pose(0.0, 0.6, 0.0))
+    assert log[-1][0].goal_distance < 0.35
+    assert not any("dead end" in decided.note for _, decided in log)
+
+
+def wavering(gap):
+    """A wall across the way with a passage half as wide as `gap` metres in the middle, another far off."""
+    return grid_map(
+        blocked=lambda x, y: (np.abs(x - 2.0) < 0.15) & (np.abs(y) > gap) & ((y < 5.0) | (y > 6.5))
+    )
+
+
+@pytest.mark.parametrize("name", ["least_cost", "covernav"])
+def test_a_passage_that_the_map_narrows_by_a_cell_is_still_passed(name):
+    wide, narrow = (
+        percept(wavering(gap), Pose(0.0, 0.0, 0.0), time_s=time_s) for gap, time_s in ((0.7, 0.0), (0.3, 1.0))
+    )
+    direct = make_method(name)
+    for seen in (wide, narrow):
+        route = direct.decide(seen).route
+        assert route is not None and np.abs(route[:, 1]).max() < 1.0
+    # Who has not begun that way does not take it.
+    route = make_method(name).decide(narrow).route
+    assert route is not None and route[:, 1].max() > 4.5
+
+
 def test_a_goal_that_is_walled_in_is_unreachable_after_a_while():
     grid = grid_map(blocked=lambda x, y: np.abs(np.hypot(x - 5.0, y) - 1.5) < 0.3)
     log = drive(LeastCost(LeastCostConfig(patience=1.0)).decide, grid, ORIGIN, goal=(5.0, 0.0))
