@@ -50,7 +50,7 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
 def train_policy(arguments: argparse.Namespace) -> None:
     """Train to the end, or until interrupted. Raises TrainingRefusal for what cannot be asked, TrainingError
     where it cannot go on."""
-    if arguments.learner == "exposure":
+    if arguments.learner in ("stopping", "exposure"):
         teach(arguments)
         return
     if arguments.learner == "ga_nav":

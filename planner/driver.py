@@ -10,6 +10,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 
@@ -60,6 +61,7 @@ class DriverConfig:
         to by `squeezing` instead of by the dynamic window's own `leaving`: it would never get free where
         every arc ends a little nearer to something
     close_margin : kept to what moves where nothing keeps the dynamic window's own `moving_margin`
+    late_horizon : shortest horizon of a driver that knows how far the robot rolls on
     """
 
     goal_tolerance: float = 0.2
@@ -83,6 +85,7 @@ class DriverConfig:
     patient_recoveries: int = 2
     squeezing: tuple[float, float, float] = (0.02, 0.6, 0.01)
     close_margin: float = 0.05
+    late_horizon: float = 0.3
     dwa: DwaConfig = field(default_factory=DwaConfig)
 
 
@@ -111,15 +114,31 @@ class _Mark:
         return math.hypot(percept.pose.x - self.x, percept.pose.y - self.y)
 
 
+class Stopping(Protocol):
+    """Knows how far the robot rolls on once it is told to stop."""
+
+    def ways(self, pose: Pose, twist: Twist) -> np.ndarray:
+        """(n,) metres along its heading, of stops as they go and as they go at worst."""
+        ...
+
+
 class Driver:
     """Keeps the recovery's state from tick to tick; `reset` forgets it.
 
     motion : what chooses the arc while driving to the target; recoveries are the dynamic window's own
+    stopping : lets it drive on at full speed until the robot, told to stop, comes to rest at the goal;
+        without, it slows down by the configured deceleration
     """
 
-    def __init__(self, config: DriverConfig | None = None, motion: Motion | None = None):
+    def __init__(
+        self,
+        config: DriverConfig | None = None,
+        motion: Motion | None = None,
+        stopping: Stopping | None = None,
+    ):
         self.config = config or DriverConfig()
         self.motion = motion or WeighedMotion()
+        self.stopping = stopping
         self.reset()
 
     def reset(self) -> None:
@@ -167,6 +186,9 @@ class Driver:
         if percept.goal_distance <= self.config.goal_tolerance:
             self._progress = _Mark.of(percept)
             return Driven(Twist(), None, "at the goal")
+        if self._comes_to_rest(percept):
+            self._progress = _Mark.of(percept)
+            return Driven(Twist(), None, "stopping at the goal")
         rollout = self._arcs(percept, target, around, self.motion)
         if rollout.arcs.chosen >= 0:
             self._blocked_since = None
@@ -184,6 +206,15 @@ class Driver:
         if percept.time_s - self._blocked_since < self.config.blocked_patience:
             return Driven(Twist(), rollout.arcs, f"stopping: {reason}")
         return self._recover(percept, target, around, reason)
+
+    def _comes_to_rest(self, percept: Percept) -> bool:
+        """Whether the robot would stand at the goal if it were told to stop now."""
+        pose, config = percept.pose, self.config
+        far = 2.0 * config.goal_tolerance + config.dwa.max_speed**2 / config.dwa.braking
+        if self.stopping is None or percept.twist.v <= 0.0 or percept.goal_distance > far:
+            return False
+        ends = [_ahead(percept, pose.yaw, float(way)) for way in self.stopping.ways(pose, percept.twist)]
+        return max(math.dist(end, percept.goal) for end in ends) <= config.goal_tolerance
 
     @property
     def _squeezes(self) -> bool:
@@ -205,7 +236,10 @@ class Driver:
     def _arcs(
         self, percept: Percept, target: tuple[float, float], around: Surroundings, motion: Motion
     ) -> Rollout:
-        dwa, max_speed = approach(self.config, self._dwa, percept.pose, target, percept.goal_distance)
+        config = self.config
+        if self.stopping is not None:
+            config = replace(config, shortest_horizon=config.late_horizon, slowest=config.dwa.max_speed)
+        dwa, max_speed = approach(config, self._dwa, percept.pose, target, percept.goal_distance)
         rollout = motion.arcs(dwa, percept, target, around, max_speed, self._expected_slip)
         if rollout.arcs.chosen < 0 and crowded(rollout):
             dwa = replace(dwa, moving_margin=self.config.close_margin)

@@ -100,6 +100,11 @@ class Score:
     sensed_error: float
     sensed_brier: float
 
+    @property
+    def words(self) -> str:
+        """For people."""
+        return f"Brier {self.brier:.4f}, the map alone {self.sensed_brier:.4f}"
+
 
 def fit(
     network: ExposureNetwork,

@@ -58,6 +58,9 @@ class Weights(Protocol):
     def sha256(self) -> str: ...
 
 
+POLICIES = Path(__file__).parents[1] / "policies"
+
+
 @runtime_checkable
 class Learned(Protocol):
     """A method with weights, named in a drive's summary."""
@@ -93,13 +96,17 @@ def _ga_nav(weights: Path | None = None) -> Method:
     return GaNavPlanner() if weights is None else GaNavPlanner(weights)
 
 
+def _covernav(config: CoverNavConfig | None = None) -> Method:
+    return CoverNav(config, POLICIES / "covernav.safetensors")
+
+
 METHODS: Mapping[str, MethodEntry] = {
     "least_cost": MethodEntry(
         lambda seed: LeastCost(),
         "Follows the least-cost route over slope, obstacles and unknown ground of the robot's own map.",
     ),
     "covernav": MethodEntry(
-        lambda seed: CoverNav(),
+        lambda seed: _covernav(),
         "Follows the least exposed of the routes over the robot's own map that are not too long.",
     ),
     "covernav_paper": MethodEntry(
@@ -147,14 +154,14 @@ COMPARED = ("dwa", "ga_nav", "terp", "least_cost", "covernav_paper", "covernav",
 VARIANTS: Mapping[str, MethodEntry] = {
     "covernav[no_learning]": MethodEntry(
         lambda seed: CoverNav(),
-        "covernav without its network: it takes its map's word for who sees it.",
+        "covernav without its network: it brakes gently before the goal.",
     ),
     "covernav[no_cover]": MethodEntry(
-        lambda seed: CoverNav(CoverNavConfig(cover=False)),
-        "covernav without network and without what the camera tells of cover.",
+        lambda seed: _covernav(CoverNavConfig(cover=False)),
+        "covernav without what the camera tells of cover.",
     ),
     "covernav[no_exposure]": MethodEntry(
-        lambda seed: CoverNav(CoverNavConfig(weights=())),
+        lambda seed: _covernav(CoverNavConfig(weights=())),
         "covernav without exposure among its costs: the least-cost route.",
     ),
     "covernav_paper[no_attention]": MethodEntry(
@@ -177,9 +184,6 @@ LEARNED: Mapping[str, Callable[[Path], Method]] = {
     "covernav": lambda weights: CoverNav(weights=weights),
 }
 """The methods that take other weights than their own."""
-
-
-POLICIES = Path(__file__).parents[1] / "policies"
 
 
 def make_method(name: str, seed: int = 0, weights: Path | None = None) -> Method:

@@ -61,8 +61,9 @@ class CoverNavConfig:
 class CoverNav(LeastCost):
     """Of the routes for several weights of exposure it takes the least exposed that is not too long.
 
-    weights : of the network that corrects what its map tells of its exposure (`planner.exposure_network`);
-        without them the map's word counts. Raises PolicyError for a file that is none.
+    weights : of a network that knows how far the robot rolls on (`planner.stopping`), or of one that corrects
+        what its map tells of its exposure (`planner.exposure_network`); without them it brakes gently and
+        the map's word counts. Raises PolicyError for a file of neither.
     """
 
     name = "covernav"
@@ -70,15 +71,33 @@ class CoverNav(LeastCost):
     def __init__(self, config: CoverNavConfig | None = None, weights: Path | None = None):
         self.covert = config or CoverNavConfig()
         self._network = None
-        if weights is not None:
-            from planner.exposure_network import load_network  # torch is for those who have learnt
-
-            self._network, self.policy = load_network(weights)
         super().__init__(self.covert.planner)
+        if weights is not None:
+            self._learn_from(weights)
         self._scenario: Scenario | None = None
         self._rays: RayScene | None = None
         self._true: tuple[tuple[Observer, ...], np.ndarray] | None = None
         self._forget()
+
+    def _learn_from(self, weights: Path) -> None:
+        # Torch is for those who have learnt.
+        from planner.checkpoint import PolicyError, read_tensors
+        from planner.exposure_network import ARCHITECTURE as EXPOSURE
+        from planner.exposure_network import load_network
+        from planner.stopping import ARCHITECTURE as STOPPING
+        from planner.stopping import load_stopping
+
+        _, about, _ = read_tensors(weights)
+        kind = about.get("architecture")
+        if kind == STOPPING:
+            self.driver.stopping, self.policy = load_stopping(weights)
+        elif kind == EXPOSURE:
+            self._network, self.policy = load_network(weights)
+        else:
+            raise PolicyError(
+                f"{weights} holds weights of the architecture {kind or 'none that it names'};"
+                f" covernav takes {STOPPING} and {EXPOSURE}"
+            )
 
     def brief(self, scenario: Scenario, rays: RayScene) -> None:
         """Take over the truth, which is looked at where the perception is the oracle's alone."""
