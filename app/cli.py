@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from app import evaluate_command, train_command
+from app.output import write_json, write_text
 
 # one thread a process for the numeric libraries, which read this once: the processes share the cores
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -261,7 +262,7 @@ def _list(_: argparse.Namespace) -> None:
 def _show(arguments: argparse.Namespace) -> None:
     scenario = _open(arguments.scenario)
     if arguments.json is not None:
-        _write(arguments.json, scenario.to_json())
+        write_text(arguments.json, scenario.to_json(), Refusal)
         return
     ground = scenario.terrain.heightmap()
     west, east, south, north = ground.bounds
@@ -321,20 +322,7 @@ def _bench(arguments: argparse.Namespace) -> None:
 
 def _print_json(target: str | None, document: Any) -> None:
     if target is not None:
-        _write(target, json.dumps(document, indent=1, allow_nan=False) + "\n")
-
-
-def _write(target: str, text: str) -> None:
-    from scenes.scenario import write_atomically
-
-    if target == "-":
-        sys.stdout.write(text)
-        sys.stdout.flush()
-        return
-    try:
-        write_atomically(Path(target), text)
-    except OSError as error:
-        raise Refusal(f"{target} cannot be written: {error.strerror or error}") from None
+        write_json(target, document, Refusal)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from app.output import write_json
+
 METHODS_HELP = "all, ablations, or names between commas; NAME@WEIGHTS drives with other weights"
 
 
@@ -240,22 +242,8 @@ def _report(
     document = _document(in_order(missions), (methods, against))
     if arguments.json is not None:
         plain = [{k: v for k, v in m.items() if k not in ("trajectory", "scene")} for m in in_order(missions)]
-        _write(arguments.json, document | {"missions": plain})
+        write_json(arguments.json, document | {"missions": plain}, EvaluationRefusal)
     if arguments.json != "-":
         print(markdown(document["rows"], document["bounds"]))
         if arguments.against is not None and document["paired"]:
             print("\n" + paired_markdown(document["paired"]))
-
-
-def _write(target: str, document: dict[str, Any]) -> None:
-    from scenes.scenario import write_atomically
-
-    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
-    if target == "-":
-        sys.stdout.write(text)
-        sys.stdout.flush()
-        return
-    try:
-        write_atomically(Path(target), text)
-    except OSError as error:
-        raise EvaluationRefusal(f"{target} cannot be written: {error.strerror or error}") from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from app import ga_nav_command, motion_command
+from app.output import write_json
 from app.teach_command import add_arguments, teach
 
 TERRAINS = ("all", "normal", "low", "low_high", "forest")
@@ -50,6 +50,8 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
 def train_policy(arguments: argparse.Namespace) -> None:
     """Train to the end, or until interrupted. Raises TrainingRefusal for what cannot be asked, TrainingError
     where it cannot go on."""
+    from planner.learning_errors import TrainingRefusal
+
     if arguments.learner in ("stopping", "exposure"):
         teach(arguments)
         return
@@ -62,10 +64,11 @@ def train_policy(arguments: argparse.Namespace) -> None:
     if arguments.curves is not None:
         from planner.training_curves import summarise
 
-        _write(summarise(arguments.curves), arguments.json or "-")
+        write_json(arguments.json or "-", summarise(arguments.curves), TrainingRefusal)
         return
     if arguments.validate is not None:
-        _write(_validate(arguments.validate, arguments.missions), arguments.json or "-")
+        found = _validate(arguments.validate, arguments.missions)
+        write_json(arguments.json or "-", found, TrainingRefusal)
         return
     from tqdm import tqdm
 
@@ -97,20 +100,6 @@ def _validate(folders: list[Path], missions: int) -> dict[str, Any]:
     ]
     rows = [{"training": folder.name} | asdict(each) for folder, each in zip(folders, found, strict=True)]
     return {"best": folders[best(found)].name, "missions_per_terrain": missions, "rows": rows}
-
-
-def _write(document: dict[str, Any], target: str) -> None:
-    from planner.learning_errors import TrainingRefusal
-    from scenes.scenario import write_atomically
-
-    text = json.dumps(document, allow_nan=False) + "\n"
-    if target == "-":
-        sys.stdout.write(text)
-        return
-    try:
-        write_atomically(Path(target), text)
-    except OSError as error:
-        raise TrainingRefusal(f"{target} cannot be written: {error.strerror or error}") from None
 
 
 def _trainer(arguments: argparse.Namespace, make: Any) -> Any:

@@ -81,6 +81,11 @@ class CostMap:
             -1,
         )
 
+    def within(self, radius: float, place: tuple[float, float]) -> np.ndarray:
+        """(rows, cols) bool: cells whose centres are at most `radius` metres from a place (world x, y)."""
+        points = self.centre(*np.indices(self.forbidden.shape))
+        return np.hypot(points[..., 0] - place[0], points[..., 1] - place[1]) <= radius
+
 
 def build(grid: GridMap, config: CostConfig) -> CostMap:
     """Slope, roughness, obstacle and unknown layers of the robot's map."""
@@ -104,10 +109,9 @@ def build(grid: GridMap, config: CostConfig) -> CostMap:
 def shunning(cost_map: CostMap, places: Sequence[tuple[float, float]], berth: float) -> CostMap:
     """The map with a layer `shunned`, at its worst within `berth` metres of places (world x, y) where a drive
     has failed."""
-    points = cost_map.centre(*np.indices(cost_map.forbidden.shape))
     near = np.zeros(cost_map.forbidden.shape, bool)
     for place in places:
-        near |= np.hypot(*np.moveaxis(points - place, -1, 0)) <= berth
+        near |= cost_map.within(berth, place)
     return replace(cost_map, layers={**cost_map.layers, "shunned": 100.0 * near})
 
 

@@ -166,9 +166,7 @@ class CovertPlanner:
     def shun(self, x: float, y: float, radius: float) -> None:
         """From now on lead routes past the places within `radius` of (x, y) as past treacherous ground, for a
         drive there has failed."""
-        rows, cols = np.indices(self.costs.forbidden.shape)
-        offset = self.costs.centre(rows, cols) - (x, y)
-        self.treacherous[:, np.hypot(offset[..., 0], offset[..., 1]) <= radius] = 1.0
+        self.treacherous[:, self.costs.within(radius, (x, y))] = 1.0
 
     def shun_nothing(self) -> None:
         """Forget the places that were shunned."""

@@ -7,8 +7,9 @@ from functools import cache
 import numpy as np
 
 from planner.frames import Perception
-from planner.methods import METHODS
+from planner.methods import DEFAULT_METHOD, METHODS
 from planner.mission import Mission
+from planner.motion import MOTIONS
 from scenes.catalogue import CoverKind
 from scenes.scenario import (
     CoverObject,
@@ -30,10 +31,11 @@ TICKS = 6  # the camera looks once in five
 
 @cache
 def warm_up() -> None:
-    """Drive a few ticks of every method in a small scene, so that nothing is left to compile. Takes most of
-    a minute after installing and a second or so ever after; does nothing when called again."""
+    """Drive a few ticks of every method and motion control in a small scene, so that nothing is left to
+    compile. Takes most of a minute after installing and a second or so ever after; does nothing when called
+    again."""
     scenario = _small_scene()
-    for method in METHODS:
+    for method in (*METHODS, *(f"{DEFAULT_METHOD}+{motion}" for motion in MOTIONS[1:])):
         for perception in Perception:
             mission = Mission(scenario, method, 0, perception)
             try:

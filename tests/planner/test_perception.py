@@ -15,6 +15,8 @@ from planner.perception import (
     CAMERA_PERIOD,
     MAX_OBSTACLE_POINTS,
     Perceiver,
+    _put_in_order,
+    _thinned_depth,
     nearest_points,
     obstacle_distances,
     obstacle_points,
@@ -264,3 +266,35 @@ def test_points_near_the_robot_come_nearest_first_and_not_without_limit(found):
     assert np.all(np.diff(distance) >= 0.0) and np.all(distance <= 6.0)
     assert len(near) == min(5, (np.hypot(points[:, 0], points[:, 1]) <= 6.0).sum())
     assert len(nearest_points(np.zeros((1000, 2)), pose)) == MAX_OBSTACLE_POINTS
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_turn_is_put_in_order_as_its_plain_twin_does(seed):
+    rng = np.random.default_rng(seed)
+    rays = rng.permutation(24)[: rng.integers(0, 25)]
+    column, beam = rays // 4, rays % 4
+    world, body = rng.normal(size=(len(rays), 3)), rng.integers(0, 3, len(rays))
+    still = np.array([True, False, True, False])
+    points, plain = np.full((6, 4, 3), np.nan), np.full((6, 4, 3), np.nan)
+    stays = still[body]
+    plain[column[stays], beam[stays]] = world[stays]
+    _put_in_order(points, world, still, body, column, beam)
+    np.testing.assert_array_equal(points, plain)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3))
+def test_a_depth_image_is_thinned_as_its_plain_twin_does(seed, stride):
+    rng = np.random.default_rng(seed)
+    shape = tuple(rng.integers(1, 9, 2))
+    depth = rng.uniform(0.5, 20.0, shape).astype(np.float32)
+    body, surface = rng.integers(-1, 3, shape), rng.integers(0, 3, shape)
+    still, (fx, fy, cx, cy) = np.array([True, False, True, False]), (5.0, 6.0, 3.5, 2.5)
+    row, col = np.arange(shape[0])[::-1][::stride], np.arange(shape[1])[::stride]
+    pick = np.ix_(row, col)
+    ahead = np.where((depth[pick] <= 12.0) & still[body[pick]], depth[pick].astype(float), np.nan)
+    plain = np.stack([ahead, ahead * (cx - col) / fx, ahead * (cy - row)[:, None] / fy], -1)
+    points, wet = _thinned_depth(
+        depth, body, surface, still, np.array([fx, fy, cx, cy]), stride, np.float32(12.0), 1
+    )
+    np.testing.assert_allclose(points, plain.swapaxes(0, 1), rtol=1e-12)
+    np.testing.assert_array_equal(wet, (surface[pick] == 1).T)

@@ -11,7 +11,7 @@ from scenes.library import load_shipped
 def test_a_mission_after_warming_up_compiles_nothing():
     warm_up()
     with event.install_recorder("numba:compile") as recorder:
-        for method in METHODS:
+        for method in (*METHODS, "least_cost+dwa_rl"):
             mission = Mission(load_shipped("village-street"), method)
             for _ in range(6):
                 mission.tick()

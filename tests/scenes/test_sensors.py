@@ -3,6 +3,8 @@ import math
 import numpy as np
 import pytest
 from grounds import ground, rough, slope, thing
+from hypothesis import given
+from hypothesis import strategies as st
 
 from scenes.pose import Pose, Twist
 from scenes.rays import RayScene
@@ -15,6 +17,7 @@ from scenes.sensors import (
     Odometry,
     OdometryConfig,
     SemanticCamera,
+    cloud_kernel,
 )
 from scenes.stance import standing_pose
 from scenes.terrain import SURFACES, Surface
@@ -268,3 +271,19 @@ def test_the_same_seed_drifts_the_same_way_and_reset_forgets() -> None:
     assert drive(Odometry(config), 7) == first
     odometry.reset()
     assert drive(odometry, 7) == first
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_clouds_kernel_agrees_with_its_plain_twin(seed: int) -> None:
+    draw, beams = rng(seed), 4
+    n = beams * int(draw.integers(0, 12))
+    distance = draw.uniform(0.0, 5.0, n).astype(np.float32)
+    body = draw.integers(-1, 3, n).astype(np.int32)
+    noise, directions = draw.normal(0.0, 0.02, n).astype(np.float32), draw.normal(size=(n, 3))
+    mount, nearest = np.array([0.1, 0.0, 0.7]), np.float32(0.9)
+    met = np.flatnonzero((body >= 0) & (distance >= nearest))
+    ranges = distance[met] + noise[met]
+    plain = (mount + ranges[:, None] * directions[met], ranges, body[met], met // beams, met % beams)
+    ours = cloud_kernel(distance, body, noise, directions, mount, nearest, beams)
+    for mine, theirs in zip(ours, plain, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-12)

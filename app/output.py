@@ -1,0 +1,27 @@
+"""Where commands put what they have found: a file, or - for standard output."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def write_text(target: str, text: str, refusal: type[Exception]) -> None:
+    """Write text whole or not at all. Raises `refusal`, in words, where the file cannot be written."""
+    from scenes.scenario import write_atomically  # only once there is something to write
+
+    if target == "-":
+        sys.stdout.write(text)
+        sys.stdout.flush()
+        return
+    try:
+        write_atomically(Path(target), text)
+    except OSError as error:
+        raise refusal(f"{target} cannot be written: {error.strerror or error}") from None
+
+
+def write_json(target: str, document: Any, refusal: type[Exception]) -> None:
+    """As `write_text`, a document. Raises ValueError for numbers that JSON does not have."""
+    write_text(target, json.dumps(document, indent=1, allow_nan=False) + "\n", refusal)
