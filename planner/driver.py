@@ -209,12 +209,17 @@ class Driver:
 
     def _comes_to_rest(self, percept: Percept) -> bool:
         """Whether the robot would stand at the goal if it were told to stop now."""
-        pose, config = percept.pose, self.config
-        far = 2.0 * config.goal_tolerance + config.dwa.max_speed**2 / config.dwa.braking
-        if self.stopping is None or percept.twist.v <= 0.0 or percept.goal_distance > far:
+        if self.stopping is None or percept.twist.v <= 0.0 or percept.goal_distance > self._stopping_range:
             return False
-        ends = [_ahead(percept, pose.yaw, float(way)) for way in self.stopping.ways(pose, percept.twist)]
-        return max(math.dist(end, percept.goal) for end in ends) <= config.goal_tolerance
+        ways = self.stopping.ways(percept.pose, percept.twist)
+        ends = [_ahead(percept, percept.pose.yaw, float(way)) for way in ways]
+        return max(math.dist(end, percept.goal) for end in ends) <= self.config.goal_tolerance
+
+    @property
+    def _stopping_range(self) -> float:
+        """Metres from the goal within which a stop can matter."""
+        dwa = self.config.dwa
+        return 2.0 * self.config.goal_tolerance + dwa.max_speed**2 / dwa.braking
 
     @property
     def _squeezes(self) -> bool:
@@ -237,7 +242,7 @@ class Driver:
         self, percept: Percept, target: tuple[float, float], around: Surroundings, motion: Motion
     ) -> Rollout:
         config = self.config
-        if self.stopping is not None:
+        if self.stopping is not None and percept.goal_distance <= self._stopping_range:
             config = replace(config, shortest_horizon=config.late_horizon, slowest=config.dwa.max_speed)
         dwa, max_speed = approach(config, self._dwa, percept.pose, target, percept.goal_distance)
         rollout = motion.arcs(dwa, percept, target, around, max_speed, self._expected_slip)
