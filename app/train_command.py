@@ -41,6 +41,7 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
     where.add_argument("--validate", type=Path, nargs="+", metavar="DIR", help="compare trainings' policies")
     train.add_argument("--missions", type=whole(1, 1000), default=10, help="of each terrain, of --validate")
     train.add_argument("--json", metavar="FILE|-", help="of --curves and --validate")
+    train.add_argument("--figure", type=Path, metavar="FILE", help="of --curves, .png or .svg")
     add_arguments(train, whole)
     ga_nav_command.add_arguments(train)
     motion_command.add_arguments(train, whole)
@@ -64,7 +65,10 @@ def train_policy(arguments: argparse.Namespace) -> None:
     if arguments.curves is not None:
         from planner.training_curves import summarise
 
-        write_json(arguments.json or "-", summarise(arguments.curves), TrainingRefusal)
+        curves = summarise(arguments.curves)
+        if arguments.figure is not None:
+            _draw(arguments.figure, curves)
+        write_json(arguments.json or "-", curves, TrainingRefusal)
         return
     if arguments.validate is not None:
         found = _validate(arguments.validate, arguments.missions)
@@ -87,6 +91,18 @@ def train_policy(arguments: argparse.Namespace) -> None:
             elif isinstance(event, Stopped):
                 done = f"{event.episodes} of {total} episodes"
     print(f"{done} in {folder}; the policy is {folder / 'policy.safetensors'}")
+
+
+def _draw(path: Path, curves: dict[str, Any]) -> None:
+    from app.training_figure import write_figure
+    from planner.learning_errors import TrainingRefusal
+
+    try:
+        write_figure(path, curves)
+    except OSError as error:
+        raise TrainingRefusal(f"{path} cannot be written: {error.strerror or error}") from None
+    except ValueError as error:
+        raise TrainingRefusal(str(error)) from None
 
 
 def _validate(folders: list[Path], missions: int) -> dict[str, Any]:

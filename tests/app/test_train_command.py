@@ -44,6 +44,16 @@ def test_trainings_are_summarised_as_one_document(trained, capsys):
     assert document["groups"][0]["seeds"] == [4]
 
 
+def test_learning_curves_are_drawn_and_the_same_again(trained, tmp_path, capsys):
+    figures = tmp_path / "one.svg", tmp_path / "two.svg"
+    for figure in figures:
+        assert main(["train", "--curves", str(trained), str(trained), "--figure", str(figure)]) == 0
+    assert figures[0].read_bytes() == figures[1].read_bytes() and b"<svg" in figures[0].read_bytes()
+    capsys.readouterr()
+    assert main(["train", "--curves", str(trained), "--figure", str(tmp_path / "curves.gif")]) == 2
+    assert "must end in .png or .svg" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -55,6 +65,7 @@ def test_trainings_are_summarised_as_one_document(trained, capsys):
         (["--out", "{trained}/replay"], "is not empty"),
         (["--out", "{trained}/settings.json"], "cannot be written"),
         (["--out", "/proc/nowhere"], "cannot be written"),
+        (["--curves", "{trained}", "--figure", "/proc/nowhere.png"], "cannot be written"),
     ],
 )
 def test_what_cannot_be_met_is_refused_in_one_line(trained, capsys, arguments, words):
