@@ -9,6 +9,8 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+from laspy.vlrs.known import vlr_factory
+from laspy.vlrs.vlrlist import VLRList
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
@@ -19,6 +21,7 @@ MAX_POINTS = 200_000_000
 MAX_KEPT = 12_000_000
 CHUNK_BYTES = 2**25
 MAX_RECORDS = 1000
+MAX_PROJECTION = 2**20  # bytes of a record that names a coordinate system
 MARGIN = 15.0
 NOISE_CLASSES = (7, 18)
 
@@ -44,11 +47,13 @@ def read_points(path: Path, crop: tuple[float, float, float] | None) -> PointClo
 
     Raises ScenarioError for files that are truncated, damaged, empty or too large."""
     _check_header(path)
+    projections = _extended_projections(path)
     try:
         with path.open("rb") as stream:
             reader = laspy.LasReader(
                 stream, closefd=False, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False
             )
+            reader.header.evlrs = projections
             return _read(reader, crop)
     except (ScenarioError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
@@ -88,6 +93,32 @@ def _check_header(path: Path) -> None:
                 f"is truncated: {count:,} points need {to_points + count * record_length:,} bytes, "
                 f"the file has {size:,}"
             )
+
+
+def _extended_projections(path: Path) -> VLRList:
+    """The coordinate systems that stand behind the points, as LAS 1.4 has them; what else stands there, whole
+    waveforms even, is passed over.
+
+    Layout: ASPRS LAS 1.4 R15, tables 3 and 4."""
+    found, size = VLRList(), path.stat().st_size
+    with path.open("rb") as stream:
+        head = stream.read(375)
+        if (head[24], head[25]) < (1, 4) or len(head) < 247:
+            return found
+        where, count = struct.unpack_from("<QI", head, 235)
+        if count > MAX_RECORDS:
+            raise ScenarioError(f"is damaged: it claims {count:,} extended records")
+        for _ in range(count):
+            stream.seek(min(where, size))
+            record = stream.read(60)
+            if len(record) < 60:
+                raise ScenarioError("is truncated or damaged: an extended record lies beyond its end")
+            user, number, length = struct.unpack_from("<2x16sHQ", record)
+            if user.rstrip(b"\0") == b"LASF_Projection" and length <= MAX_PROJECTION:
+                content = stream.read(length)
+                found.append(vlr_factory(laspy.VLR("LASF_Projection", number, "", content)))
+            where += 60 + length
+    return found
 
 
 def _check_chunk_table(stream, to_points: int, size: int, record_length: int) -> None:

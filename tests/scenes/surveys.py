@@ -46,7 +46,7 @@ def hill_pixels(rows: int, cols: int, pixel: float = 1.0) -> np.ndarray:
 def write_las(path: Path, points: np.ndarray, classes, *, crs: str | None = UTM, version="1.4") -> Path:
     """points : (n, 3) metres about (EAST, NORTH, 0), or native coordinates where `crs` is not UTM."""
     header = laspy.LasHeader(version=version, point_format=6 if version == "1.4" else 1)
-    header.scales, header.offsets = np.full(3, 0.001), np.array([EAST, NORTH, 0.0]) * (crs == UTM)
+    header.scales, header.offsets = np.full(3, 0.001), np.array([EAST, NORTH, 0.0]) * (crs in (UTM, None))
     if crs:
         header.add_crs(pyproj.CRS.from_user_input(crs))
     las = laspy.LasData(header)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pyproj import Transformer
+from pyproj import CRS, Transformer
 from surveys import EAST, NORTH, US_FEET, ground_points, write_las
 
 from scenes.point_cloud import read_points
@@ -28,6 +28,34 @@ def test_points_come_back_about_the_middle_of_the_survey(tmp_path, rng, version,
     np.testing.assert_array_equal(cloud.classes, classes)
     assert (cloud.region.easting, cloud.region.northing) == pytest.approx((EAST, NORTH), abs=0.01)
     assert cloud.reference.label == "EPSG:32632"
+
+
+def with_extended_records(path, *records):
+    """Put records (user, number, content) behind the points, as a writer does that learns them last."""
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<QI", content, 235, len(content), len(records))
+    for user, number, data in records:
+        content += struct.pack("<H16sHQ32s", 0, user, number, len(data), b"") + data
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+def test_a_coordinate_system_behind_the_points_is_read(tmp_path, rng, suffix):
+    path = write_las(tmp_path / f"a.{suffix}", ground_points(rng, 60.0, 500), 2, crs=None)
+    wkt = CRS.from_epsg(32632).to_wkt("WKT1_GDAL").encode() + b"\0"
+    with_extended_records(path, (b"LASF_Spec", 65535, b"waves" * 99), (b"LASF_Projection", 2112, wkt))
+    assert read_points(path, None).reference.label == "EPSG:32632"
+
+
+def test_extended_records_beyond_the_file_are_refused(tmp_path, rng):
+    path = write_las(tmp_path / "a.las", ground_points(rng, 60.0, 500), 2)
+    content = bytearray(with_extended_records(path, (b"LASF_Projection", 2112, b"x")).read_bytes())
+    for where, count in ((2**63, 1), (len(content) - 8, 1), (len(content) - 61, 2**32 - 1)):
+        struct.pack_into("<QI", content, 235, where, count)
+        path.write_bytes(content)
+        with pytest.raises(ScenarioError, match="extended record"):
+            read_points(path, None)
 
 
 @pytest.mark.parametrize("crop", [(EAST + 5.0, NORTH - 4.0, 20.0), (5.0, -4.0, 20.0)])
