@@ -115,7 +115,7 @@ async function showDrives() {
 function outcome(drive) {
   if (!drive) return cell("td", "–");
   if (!drive.success) return cell("td", drive.status.replaceAll("_", " "), "failed");
-  return cell("td", drive.exposed_s === null ? "reached" : `${drive.exposed_s.toFixed(1)} s seen`);
+  return cell("td", drive.exposed_s === null ? "reached" : `${drive.exposed_s.toFixed(1)} s`);
 }
 
 async function show(mission) {
@@ -138,7 +138,7 @@ async function replay() {
   const them = [...new Set([$("one").value, $("other").value].filter(Boolean).map(Number))];
   const body = JSON.stringify({ missions: them });
   await ask(here("/replay"), { method: "POST", headers: { "content-type": "application/json" }, body });
-  location.href = "/";
+  location.href = "/#replay";
 }
 
 async function upload(event) {

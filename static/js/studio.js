@@ -64,8 +64,9 @@ function recall(key) {
 }
 
 function welcome() {
-  let greeted = recall(VISITED) !== null;
-  $("hints").hidden = greeted;
+  const visited = recall(VISITED) !== null;
+  let greeted = visited || location.hash === "#replay"; // there something moves already
+  $("hints").hidden = visited;
   $("hints-button").addEventListener("click", () => {
     $("hints").hidden = true;
     remember(VISITED, "yes");
