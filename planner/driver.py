@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
 
+from planner.driver_config import DriverConfig, approach
 from planner.dwa import (
     NO_SLIP,
     DwaConfig,
@@ -28,6 +29,7 @@ from planner.dwa import (
 )
 from planner.frames import Arcs, Percept
 from planner.motion import Motion, WeighedMotion
+from planner.slip import SlipEstimate
 from planner.way_out import corridors, crowded, evasive_arc, main_reason
 from scenes.pose import Pose, Twist, wrap_angle
 
@@ -39,54 +41,6 @@ class State(StrEnum):
     BACK_OFF = "backing off"
     TURN = "turning"
     LEAVE = "leaving"
-
-
-@dataclass(frozen=True)
-class DriverConfig:
-    """Metres, seconds, radians.
-
-    goal_tolerance : nearer to the goal the robot stops; the mission counts 0.3 m as reached
-    deceleration : m/s² with which it slows down toward the goal; slowest : m/s it does not fall below before
-    shortest_horizon : of the arcs when the target is near
-    patience : without an admissible arc, or without `progress` metres or a good turn, before a recovery
-    boldness : seconds without progress after which the clearance no longer counts among the admissible arcs,
-        until the robot is `emboldened` metres away: in a narrow passage standing still is the clearest arc
-    backing, leaving : how far a recovery drives back and away
-    recovery_limit : longest that a part of it takes
-    slip_rate, most_slip, least_motion : how fast slip aside is learnt, the most metres a radian or a metre
-        that are believed, and the radians or metres a tick below which there is nothing to learn from
-    corridor : how far a free direction is looked along
-    recoveries : in one region, after which the robot is stuck; region : its radius
-    patient_recoveries : after so many it doubts the slip that it has learnt, and leaves what it is too near
-        to by `squeezing` instead of by the dynamic window's own `leaving`: it would never get free where
-        every arc ends a little nearer to something
-    close_margin : kept to what moves where nothing keeps the dynamic window's own `moving_margin`
-    late_horizon : shortest horizon of a driver that knows how far the robot rolls on
-    """
-
-    goal_tolerance: float = 0.2
-    deceleration: float = 0.5
-    slowest: float = 0.25
-    shortest_horizon: float = 0.7
-    blocked_patience: float = 0.8
-    patience: float = 3.0
-    progress: float = 0.3
-    boldness: float = 1.0
-    emboldened: float = 1.2
-    backing: float = 0.7
-    leaving: float = 1.5
-    recovery_limit: float = 5.0
-    slip_rate: float = 0.3
-    least_motion: float = 0.01
-    most_slip: float = 0.4
-    corridor: float = 3.0
-    region: float = 2.5
-    recoveries: int = 10
-    patient_recoveries: int = 2
-    squeezing: tuple[float, float, float] = (0.02, 0.6, 0.01)
-    close_margin: float = 0.05
-    late_horizon: float = 0.3
-    dwa: DwaConfig = field(default_factory=DwaConfig)
 
 
 @dataclass(frozen=True)
@@ -151,8 +105,7 @@ class Driver:
         self._blocked_since: float | None = None
         self._trail: deque[tuple[float, float]] = deque(maxlen=60)
         self._direction = 0.0
-        self._slip = NO_SLIP
-        self._before: Pose | None = None
+        self._slip = SlipEstimate()
         self._tried: list[float] = []
         self._trouble: _Mark | None = None
         self._narrow: _Mark | None = None
@@ -166,7 +119,7 @@ class Driver:
     def drive(self, percept: Percept, target: tuple[float, float], ground: Ground) -> Driven:
         """The command toward `target` (world), slowing down as the percept's goal comes near."""
         self._remember(percept)
-        self._learn_slip(percept.pose)
+        self._slip.see(percept.pose)
         self.motion.see(percept)
         around = Surroundings(percept.obstacle_points, percept.moving, ground)
         if self._recoveries > self.config.recoveries:
@@ -236,7 +189,7 @@ class Driver:
 
     @property
     def _expected_slip(self) -> Slip:
-        return NO_SLIP if self._squeezes else self._slip
+        return NO_SLIP if self._squeezes else self._slip.slip
 
     def _arcs(
         self, percept: Percept, target: tuple[float, float], around: Surroundings, motion: Motion
@@ -265,27 +218,6 @@ class Driver:
             self._progress = _Mark.of(percept)
         if self._trouble is not None and self._trouble.distance(percept) > self.config.region:
             self._trouble, self._recoveries, self._tried = None, 0, []
-
-    def _learn_slip(self, pose: Pose) -> None:
-        """A skid-steered robot turns about the axle that bears more, so its middle slips aside, and slides
-        down a slope that it drives across; by how much is seen from its own poses."""
-        before, self._before = self._before, pose
-        if before is None:
-            return
-        turned = float(wrap_angle(pose.yaw - before.yaw))
-        dx, dy = pose.x - before.x, pose.y - before.y
-        if math.hypot(dx, dy) > 0.5:  # put somewhere else
-            return
-        middle = before.yaw + 0.5 * turned
-        driven = abs(math.cos(middle) * dx + math.sin(middle) * dy)
-        aside = math.cos(middle) * dy - math.sin(middle) * dx
-        slip, most, motion = self._slip, self.config.most_slip, turned * turned + driven * driven
-        if motion < self.config.least_motion**2:
-            return
-        # Normalised least mean squares (Widrow and Hoff 1960) on both ways to slip at once.
-        step = self.config.slip_rate * (aside - slip.turning * turned - slip.driving * driven) / motion
-        turning, driving = slip.turning + step * turned, slip.driving + step * driven
-        self._slip = Slip(float(np.clip(turning, -most, most)), float(np.clip(driving, -most, most)))
 
     def _moves_on(self, percept: Percept) -> bool:
         mark = self._progress
@@ -386,22 +318,6 @@ class Driver:
                 return Driven(_command(rollout.arcs), rollout.arcs, f"leaving a dead end: {self._reason}")
         self._enter(State.DRIVE, percept)
         return Driven(Twist(), None, self._words(percept))
-
-
-def approach(
-    config: DriverConfig, dwa: DwaConfig, pose: Pose, target: tuple[float, float], goal_distance: float
-) -> tuple[DwaConfig, float]:
-    """The window's settings for a target (world) on the way to a goal so many metres off, and the speed m/s
-    at which the robot may come near it."""
-    slowing = math.sqrt(2.0 * config.deceleration * goal_distance)
-    max_speed = float(np.clip(slowing, config.slowest, dwa.max_speed))
-    # Arcs much longer than the way to the target would rather crawl than end beyond it.
-    reach = math.dist(target, (pose.x, pose.y))
-    horizon = float(np.clip(0.95 * reach / max_speed, config.shortest_horizon, dwa.horizon))
-    # What stands beside the goal must not keep the robot from it.
-    near = min(1.0, goal_distance / dwa.clearance_reach)
-    weights = replace(dwa.weights, clearance=near * dwa.weights.clearance)
-    return replace(dwa, horizon=horizon, weights=weights), max_speed
 
 
 def _command(arcs: Arcs) -> Twist:

@@ -12,7 +12,7 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from planner.driver import DriverConfig, approach
+from planner.driver_config import DriverConfig, approach
 from planner.dwa import Surroundings
 from planner.dwa_rl import Window, open_window
 from planner.dwa_rl_window import MovingHistory

@@ -15,7 +15,8 @@ from planner.attention_cost import IMPASSABLE, PATCH_RESOLUTION, cost_map
 from planner.checkpoint import load_policy
 from planner.cost_map import CostConfig, ground_near
 from planner.cover import best_cover
-from planner.driver import Driver, DriverConfig
+from planner.driver import Driver
+from planner.driver_config import DriverConfig
 from planner.frames import CostPatch, Decision, Percept, Status
 from planner.methods.dwa import GROUND_REACH
 from planner.observation import in_body_frame, observe

@@ -9,7 +9,8 @@ import numpy as np
 
 from planner.cost_map import CostConfig, CostMap, build, ground_near, open_about, shunning
 from planner.cover import best_cover
-from planner.driver import Driver, DriverConfig
+from planner.driver import Driver
+from planner.driver_config import DriverConfig
 from planner.frames import CostPatch, Decision, Percept, Status
 from planner.methods.dwa import GROUND_REACH
 from planner.route import Route, least_cost_route, line_cost, route_cost

@@ -12,7 +12,8 @@ import numpy as np
 from planner.cost_map import CostConfig, ground_near
 from planner.cover import best_cover
 from planner.covert_route import BALANCED, CovertPlanner, CovertRoute
-from planner.driver import Driver, DriverConfig
+from planner.driver import Driver
+from planner.driver_config import DriverConfig
 from planner.exposure import common_cycle
 from planner.frames import Decision, Percept, Status
 from planner.methods.dwa import GROUND_REACH

@@ -7,7 +7,8 @@ import pytest
 from maps import drive, grid_map, percept
 
 from planner.cost_map import CostConfig, ground_near
-from planner.driver import Driver, DriverConfig, State
+from planner.driver import Driver, State
+from planner.driver_config import DriverConfig
 from planner.dwa import Slip
 from planner.frames import TrackedObstacle
 from scenes.pose import Pose, Twist, wrap_angle
@@ -88,7 +89,7 @@ def test_gets_free_from_beside_a_post_that_it_believes_to_slide_into(patience, f
     post = grid_map(blocked=lambda x, y: np.hypot(x, y - 0.4) < 0.05)
     beside = Pose(-0.06, -0.09, 0.0)
     driver = Driver(DriverConfig(patient_recoveries=patience))
-    driver._slip = Slip(0.0, 0.3)
+    driver._slip.slip = Slip(0.0, 0.3)
     log = drive(toward_goal(driver), post, beside, ticks=700)
     assert bool(distances(log)[-1] < 0.35) == frees_itself
 
