@@ -1,6 +1,7 @@
 """The inner loop of the dynamic window: roll every candidate arc out and find what it runs into.
 
-Each check walks one whole arc in one call: passing arrays to a function costs more than a step of it.
+Arcs lie side by side in memory, so that a processor rolls out several at once and looks how near they come to a
+point; only what differs from arc to arc is looked at one by one.
 """
 
 from __future__ import annotations
@@ -46,50 +47,55 @@ def roll_out(
     (s), rejection (int8).
     """
     n = v.shape[0]
-    poses, path = np.empty((n, steps + 1, 3)), np.empty((steps + 1, 5))
-    heading, distance, nearest = np.empty(n), np.empty(n), np.empty(n)
+    poses, facing = np.empty((3, steps + 1, n)), np.empty((2, steps + 1, n))
+    heading, distance = np.empty(n), np.empty(n)
     unknown_share, tilt, free_time = np.zeros(n), np.zeros(n), np.empty(n)
     rejection = np.zeros(n, np.int8)
-    here = np.array([start[0], start[1], start[2], math.cos(start[2]), math.sin(start[2])])
-    reach = math.hypot(half_size[0], half_size[1])
-    start_distance = _least_distance(here, half_size, points)
+    cos, sin = math.cos(start[2]), math.sin(start[2])
+    start_distance = _least_distance(start[0], start[1], cos, sin, half_size, points)
     nearer, too_near = start_distance - leaving[0], start_distance < leaving[1] * contact
     # Where the robot is in a margin or stands on bad ground, it may leave slowly but not make it worse.
     discs = moving.copy()
     for j in range(moving.shape[0]):
-        discs[j, 4] = min(moving[j, 4], _least_distance(here, half_size, moving[j : j + 1]))
+        gap = _least_distance(start[0], start[1], cos, sin, half_size, moving[j : j + 1])
+        discs[j, 4] = min(moving[j, 4], gap)
     bad_start, tilt_start = 0, 0.0
     if elevation.shape[0] > 0:
-        bad_start, _, _, tilt_start = _ground_under(here, wheels, elevation, forbidden, origin, tilt_limits)
+        bad_start, _, _, tilt_start = _ground_under(
+            start[0], start[1], cos, sin, wheels, elevation, forbidden, origin, tilt_limits
+        )
     tilt_limit = max(1.0, tilt_start)
 
+    sideways, limit, farthest = np.empty(n), np.empty(n), 0.0
+    free, met = np.full(n, steps), np.empty(n, np.int64)
     for i in range(n):
-        limit = contact + speed_margin * abs(v[i])
+        limit[i] = contact + speed_margin * abs(v[i])
         if abs(v[i]) <= escape_speed:
-            limit = min(limit, nearer)
-        sideways = slip[0] * w[i] + slip[1] * abs(v[i])
-        _trace(v[i], w[i], sideways, here, dt, heading_share, path)
-        for k in range(steps + 1):
-            poses[i, k, 0], poses[i, k, 1], poses[i, k, 2] = path[k, 0], path[k, 1], path[k, 2]
-        speed = math.hypot(v[i], sideways)
-        hazard, free, unknown_step = 0, steps, steps
-        if discs.shape[0] > 0:
-            free = _until_moving(path, dt, half_size, discs)
-            hazard = MOVING_OBSTACLE if free < steps else 0
-        last, nearest[i] = _until_contact(
-            path, free, speed * dt, reach * abs(w[i]) * dt, half_size, reach, limit, points, start_distance
-        )
-        if last < free:
-            hazard, free = COLLISION, last
+            limit[i] = min(limit[i], nearer)
+        sideways[i] = slip[0] * w[i] + slip[1] * abs(v[i])
+        farthest = max(farthest, math.hypot(v[i], sideways[i]))
+    _trace(v, w, sideways, start, dt, heading_share, poses, facing)
+    for i in range(n if discs.shape[0] > 0 else 0):
+        free[i] = _until_moving(i, poses, facing, dt, half_size, discs)
+    reach = math.hypot(half_size[0], half_size[1]) + farthest * dt * steps
+    nearest = _until_contact(poses, facing, free, half_size, reach, limit, points, start_distance, met)
+
+    for i in range(n):
+        hazard, last, unknown_step = 0, free[i], steps
+        if last < steps:
+            hazard = MOVING_OBSTACLE
+        if met[i] < last:
+            hazard, last = COLLISION, met[i]
         if elevation.shape[0] > 0:
-            kind, free, unknown_share[i], unknown_step, tilt[i] = _until_bad_ground(
-                path, free, wheels, elevation, forbidden, origin, bad_start, tilt_limits, tilt_limit
+            kind, last, unknown_share[i], unknown_step, tilt[i] = _until_bad_ground(
+                i, poses, facing, last, wheels, elevation, forbidden, origin, bad_start, tilt_limits, tilt_limit
             )
             hazard = kind if kind != 0 else hazard
 
+        x, y = poses[0, last, i], poses[1, last, i]
         if start_distance < contact:
-            nearest[i] = _least_distance(path[free], half_size, points)
-        free_time[i] = free * dt
+            nearest[i] = _least_distance(x, y, facing[0, last, i], facing[1, last, i], half_size, points)
+        free_time[i] = last * dt
         needed = reaction + max(_brake_time(v[i], braking[0]), _brake_time(w[i], braking[1]))
         if hazard == MOVING_OBSTACLE:
             # Standing still does not help against what comes nearer.
@@ -100,11 +106,11 @@ def roll_out(
             rejection[i] = CANNOT_STOP if hazard == COLLISION and free_time[i] > reaction else hazard
         elif abs(v[i]) > creep_speed and unknown_step < steps and unknown_step * dt < needed:
             rejection[i] = UNKNOWN_GROUND
-        dx, dy = target[0] - path[free, 0], target[1] - path[free, 1]
-        error = math.atan2(dy, dx) - path[free, 2]
+        dx, dy = target[0] - x, target[1] - y
+        error = math.atan2(dy, dx) - poses[2, last, i]
         heading[i] = abs(error - 2.0 * math.pi * np.rint(error / (2.0 * math.pi)))
         distance[i] = math.sqrt(dx * dx + dy * dy)
-    return poses, heading, nearest, distance, unknown_share, tilt, free_time, rejection
+    return poses.transpose(2, 1, 0), heading, nearest, distance, unknown_share, tilt, free_time, rejection
 
 
 @njit(cache=True, error_model="numpy")
@@ -133,65 +139,96 @@ def weigh(
 
 
 @njit(cache=True)
-def _trace(v, w, sideways, here, dt, heading_share, path):
-    """Write one arc's poses, with the cosine and sine of their yaw, into `path` (steps + 1, 5)."""
-    x, y, yaw, cos, sin = here
-    path[0] = here
-    share_cos, share_sin = math.cos(heading_share * w * dt), math.sin(heading_share * w * dt)
-    turn_cos, turn_sin = math.cos(w * dt), math.sin(w * dt)
-    for k in range(1, path.shape[0]):
-        ahead_x, ahead_y = cos * share_cos - sin * share_sin, sin * share_cos + cos * share_sin
-        x += dt * (v * ahead_x - sideways * ahead_y)
-        y += dt * (v * ahead_y + sideways * ahead_x)
-        cos, sin = cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin
-        path[k, 0], path[k, 1], path[k, 2], path[k, 3], path[k, 4] = x, y, yaw + k * w * dt, cos, sin
+def _trace(v, w, sideways, start, dt, heading_share, poses, facing):
+    """Write the arcs' x, y and yaw into `poses` (3, steps + 1, n), cosine and sine of it into `facing`
+    (2, steps + 1, n)."""
+    n = len(v)
+    turn_cos, turn_sin, share_cos, share_sin = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        turn_cos[i], turn_sin[i] = math.cos(w[i] * dt), math.sin(w[i] * dt)
+        share_cos[i], share_sin[i] = math.cos(heading_share * w[i] * dt), math.sin(heading_share * w[i] * dt)
+    for i in range(n):
+        poses[0, 0, i], poses[1, 0, i], poses[2, 0, i] = start[0], start[1], start[2]
+        facing[0, 0, i], facing[1, 0, i] = math.cos(start[2]), math.sin(start[2])
+    for k in range(1, poses.shape[1]):
+        _step(
+            k, v, w, sideways, start[2], dt, turn_cos, turn_sin, share_cos, share_sin,
+            poses[0, k - 1], poses[1, k - 1], facing[0, k - 1], facing[1, k - 1],
+            poses[0, k], poses[1, k], poses[2, k], facing[0, k], facing[1, k],
+        )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _step(
+    k, v, w, sideways, yaw, dt, turn_cos, turn_sin, share_cos, share_sin,
+    x, y, cos, sin, new_x, new_y, new_yaw, new_cos, new_sin,
+):  # fmt: skip
+    """The k-th step of all arcs (n,) from where they are."""
+    for i in range(len(v)):
+        ahead_x = cos[i] * share_cos[i] - sin[i] * share_sin[i]
+        ahead_y = sin[i] * share_cos[i] + cos[i] * share_sin[i]
+        new_x[i] = x[i] + dt * (v[i] * ahead_x - sideways[i] * ahead_y)
+        new_y[i] = y[i] + dt * (v[i] * ahead_y + sideways[i] * ahead_x)
+        new_yaw[i] = yaw + k * w[i] * dt
+        new_cos[i] = cos[i] * turn_cos[i] - sin[i] * turn_sin[i]
+        new_sin[i] = sin[i] * turn_cos[i] + cos[i] * turn_sin[i]
 
 
 @njit(cache=True)
-def _until_contact(path, last, stride, swing, half_size, reach, limit, points, nearest):
-    """Steps up to `last` before the core comes within `limit` of a point; least distance until then.
+def _until_contact(poses, facing, free, half_size, reach, limit, points, nearest, met):
+    """Least distance (n,) of each arc's core to a point up to the step `free` (n,) or before the core comes
+    within `limit` (n,); `met` (n,) becomes the steps before that.
 
-    stride, swing : metres that the base moves in a step, and the core's corners by turning; a distance
-        changes by no more, so that steps are left out while the nearest point cannot come nearer than before
+    reach : how far from the start a point of any arc's core can be; nearest : distance at the start
     """
-    if last > 0 and nearest < limit:
-        return 0, nearest
-    k = 1
-    while k <= last:
-        x, y, cos, sin = path[k, 0], path[k, 1], path[k, 3], path[k, 4]
-        driven = k * stride + reach
-        best, best_square = np.inf, np.inf
-        for j in range(points.shape[0]):
-            # A point at range r from the start cannot be nearer than this to the core by now.
-            if points[j, 2] - driven >= best:
-                break
-            dx, dy = points[j, 0] - x, points[j, 1] - y
-            along = max(abs(cos * dx + sin * dy) - half_size[0], 0.0)
-            across = max(abs(cos * dy - sin * dx) - half_size[1], 0.0)
-            square = along * along + across * across
-            if square < best_square:
-                best_square = square
-                best = math.sqrt(square)
-        if best < nearest:
-            if best < limit:
-                return k - 1, nearest
-            nearest = best
-            k += 1
-        else:
-            k += 1 + int(min((best - nearest) / (stride + swing + 1e-9), last))
-    return last, nearest
+    n, steps = limit.shape[0], poses.shape[1] - 1
+    square, least = np.empty(n), np.full(n, nearest * nearest)
+    for i in range(n):
+        met[i] = 0 if free[i] > 0 and nearest < limit[i] else free[i]
+    kept = 0
+    while kept < points.shape[0] and points[kept, 2] - reach < nearest:
+        kept += 1
+    if kept == 0:
+        return np.full(n, nearest)
+    for k in range(1, steps + 1):
+        square[:] = np.inf
+        for j in range(kept):
+            _square_distances(
+                points[j, 0], points[j, 1], half_size[0], half_size[1],
+                poses[0, k], poses[1, k], facing[0, k], facing[1, k], square,
+            )  # fmt: skip
+        for i in range(n):
+            if k <= met[i]:
+                if math.sqrt(square[i]) < limit[i]:
+                    met[i] = k - 1
+                elif square[i] < least[i]:
+                    least[i] = square[i]
+    found = np.empty(n)
+    for i in range(n):
+        found[i] = min(nearest, math.sqrt(least[i]))
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _square_distances(point_x, point_y, half_length, half_width, x, y, cos, sin, least):
+    """Lower `least` (n,) to the square of each core's distance from a point."""
+    for i in range(len(x)):
+        dx, dy = point_x - x[i], point_y - y[i]
+        along = max(abs(cos[i] * dx + sin[i] * dy) - half_length, 0.0)
+        across = max(abs(cos[i] * dy - sin[i] * dx) - half_width, 0.0)
+        least[i] = min(least[i], along * along + across * across)
 
 
 @njit(cache=True)
-def _until_moving(path, dt, half_size, discs):
-    """Steps before the core comes within a moving disc's contact distance."""
-    last = path.shape[0] - 1
+def _until_moving(i, poses, facing, dt, half_size, discs):
+    """Steps before the core of arc `i` comes within a moving disc's contact distance."""
+    last = poses.shape[1] - 1
     for j in range(discs.shape[0]):
         for k in range(1, last + 1):
-            dx = discs[j, 0] + discs[j, 2] * k * dt - path[k, 0]
-            dy = discs[j, 1] + discs[j, 3] * k * dt - path[k, 1]
-            along = max(abs(path[k, 3] * dx + path[k, 4] * dy) - half_size[0], 0.0)
-            across = max(abs(path[k, 3] * dy - path[k, 4] * dx) - half_size[1], 0.0)
+            dx = discs[j, 0] + discs[j, 2] * k * dt - poses[0, k, i]
+            dy = discs[j, 1] + discs[j, 3] * k * dt - poses[1, k, i]
+            along = max(abs(facing[0, k, i] * dx + facing[1, k, i] * dy) - half_size[0], 0.0)
+            across = max(abs(facing[0, k, i] * dy - facing[1, k, i] * dx) - half_size[1], 0.0)
             if math.sqrt(along * along + across * across) < discs[j, 4]:
                 last = k - 1
                 break
@@ -200,16 +237,17 @@ def _until_moving(path, dt, half_size, discs):
 
 @njit(cache=True)
 def _until_bad_ground(
-    path, last, wheels, elevation, forbidden, origin, bad_start, tilt_limits, tilt_limit
+    i, poses, facing, last, wheels, elevation, forbidden, origin, bad_start, tilt_limits, tilt_limit
 ):  # fmt: skip
-    """What ground stops the arc by step `last` (0: none), the steps before it, the share of those with a
+    """What ground stops arc `i` by step `last` (0: none), the steps before it, the share of those with a
     wheel on unknown cells, the steps before the first such, and the greatest share of the tilt limits."""
-    steps = path.shape[0] - 1
+    steps = poses.shape[1] - 1
     unknown_poses, unknown_step, tilt = 0, steps, 0.0
     for k in range(1, last + 1):
         bad, unknown, outside, lean = _ground_under(
-            path[k], wheels, elevation, forbidden, origin, tilt_limits
-        )
+            poses[0, k, i], poses[1, k, i], facing[0, k, i], facing[1, k, i],
+            wheels, elevation, forbidden, origin, tilt_limits,
+        )  # fmt: skip
         kind = 0
         if outside:
             kind = OFF_THE_MAP
@@ -227,13 +265,13 @@ def _until_bad_ground(
 
 
 @njit(cache=True)
-def _least_distance(pose, half_size, points):
-    """From the core to the nearest point."""
+def _least_distance(x, y, cos, sin, half_size, points):
+    """From the core at a pose to the nearest point."""
     best = np.inf
     for j in range(points.shape[0]):
-        dx, dy = points[j, 0] - pose[0], points[j, 1] - pose[1]
-        along = max(abs(pose[3] * dx + pose[4] * dy) - half_size[0], 0.0)
-        across = max(abs(pose[3] * dy - pose[4] * dx) - half_size[1], 0.0)
+        dx, dy = points[j, 0] - x, points[j, 1] - y
+        along = max(abs(cos * dx + sin * dy) - half_size[0], 0.0)
+        across = max(abs(cos * dy - sin * dx) - half_size[1], 0.0)
         best = min(best, math.sqrt(along * along + across * across))
     return best
 
@@ -249,14 +287,14 @@ def _brake_time(speed, braking):
 
 
 @njit(cache=True)
-def _ground_under(pose, wheels, elevation, forbidden, origin, tilt_limits):
+def _ground_under(x, y, cos, sin, wheels, elevation, forbidden, origin, tilt_limits):
     """Wheels on untraversable cells, on unknown cells, whether one is off the map, share of the limits."""
     rows, cols = elevation.shape
     bad, unknown = 0, 0
     along, across = 0.0, 0.0
     for i in range(4):
-        u = (pose[0] + wheels[i, 0] * pose[3] - wheels[i, 1] * pose[4] - origin[0]) / origin[2]
-        r = (pose[1] + wheels[i, 0] * pose[4] + wheels[i, 1] * pose[3] - origin[1]) / origin[2]
+        u = (x + wheels[i, 0] * cos - wheels[i, 1] * sin - origin[0]) / origin[2]
+        r = (y + wheels[i, 0] * sin + wheels[i, 1] * cos - origin[1]) / origin[2]
         col, row = int(np.rint(u)), int(np.rint(r))
         if row < 0 or row >= rows or col < 0 or col >= cols:
             return bad, unknown, True, 0.0
