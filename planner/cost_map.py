@@ -45,7 +45,8 @@ class CostMap:
     layers : name -> (rows, cols) float, points of 0..100
     forbidden : (rows, cols) bool, where the robot's centre must not be
     unknown : (rows, cols) bool
-    clearance : (rows, cols) metres to the nearest cell that blocks the robot's body, inf where none does
+    clearance : (rows, cols) metres to the nearest cell that blocks the robot's body, inf where none does that
+        is near enough to cost anything
     tight : (rows, cols) bool, forbidden for its margin alone: the body would fit
     """
 
@@ -93,7 +94,7 @@ def build(grid: GridMap, config: CostConfig) -> CostMap:
     unknown = grid.unknown
     steepness = np.nan_to_num(gradient / math.tan(config.max_slope))
     uneven = np.nan_to_num(roughness / config.max_roughness)
-    distance = obstacle_distance(grid)
+    distance = obstacle_distance(grid, config.obstacle_reach)
     near = 1.0 - (distance - config.rim) / (config.obstacle_reach - config.rim)
     layers = {
         "slope": config.slope * np.minimum(steepness, 1.0) ** 2,
@@ -115,11 +116,46 @@ def shunning(cost_map: CostMap, places: Sequence[tuple[float, float]], berth: fl
     return replace(cost_map, layers={**cost_map.layers, "shunned": 100.0 * near})
 
 
-def obstacle_distance(grid: GridMap) -> np.ndarray:
-    """(rows, cols) metres to the nearest cell that blocks the robot's body, inf where none does."""
+def obstacle_distance(grid: GridMap, reach: float = math.inf) -> np.ndarray:
+    """(rows, cols) metres to the nearest cell that blocks the robot's body, inf where none does within
+    `reach`."""
     if not grid.obstacle.any():
         return np.full(grid.shape, np.inf)
-    return distance_transform_edt(~grid.obstacle, sampling=grid.resolution)  # type: ignore[return-value]
+    if math.isinf(reach):
+        return distance_transform_edt(~grid.obstacle, sampling=grid.resolution)  # type: ignore[return-value]
+    return _distance_within(grid.obstacle, grid.resolution, reach)
+
+
+@njit(cache=True)
+def _distance_within(obstacle, resolution, reach):
+    """As `obstacle_distance`, from the edges of what stands there outward."""
+    rows, cols = obstacle.shape
+    cells = int(reach / resolution + 1e-9)
+    away = np.empty((cells + 1, cells + 1))
+    for r in range(cells + 1):
+        for c in range(cells + 1):
+            away[r, c] = math.sqrt((r * resolution) ** 2 + (c * resolution) ** 2)
+    distance = np.full((rows, cols), np.inf)
+    for row in range(rows):
+        for col in range(cols):
+            if not obstacle[row, col]:
+                continue
+            distance[row, col] = 0.0
+            inner = 0 < row < rows - 1 and 0 < col < cols - 1
+            if (
+                inner
+                and obstacle[row - 1, col]
+                and obstacle[row + 1, col]
+                and obstacle[row, col - 1]
+                and obstacle[row, col + 1]
+            ):
+                continue
+            for r in range(max(row - cells, 0), min(row + cells + 1, rows)):
+                for c in range(max(col - cells, 0), min(col + cells + 1, cols)):
+                    there = away[abs(r - row), abs(c - col)]
+                    if there <= reach and there < distance[r, c]:
+                        distance[r, c] = there
+    return distance
 
 
 def ground_shape(grid: GridMap) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """The inner loop of the dynamic window: roll every candidate arc out and find what it runs into.
 
-Arcs lie side by side in memory, so that a processor rolls out several at once and looks how near they come to a
-point; only what differs from arc to arc is looked at one by one.
+Arcs lie side by side in memory, so that a processor rolls out several at once and looks how near they come to
+a point; only what differs from arc to arc is looked at one by one.
 """
 
 from __future__ import annotations
@@ -88,8 +88,9 @@ def roll_out(
             hazard, last = COLLISION, met[i]
         if elevation.shape[0] > 0:
             kind, last, unknown_share[i], unknown_step, tilt[i] = _until_bad_ground(
-                i, poses, facing, last, wheels, elevation, forbidden, origin, bad_start, tilt_limits, tilt_limit
-            )
+                i, poses, facing, last, wheels, elevation, forbidden, origin,
+                bad_start, tilt_limits, tilt_limit,
+            )  # fmt: skip
             hazard = kind if kind != 0 else hazard
 
         x, y = poses[0, last, i], poses[1, last, i]

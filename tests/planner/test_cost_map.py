@@ -90,6 +90,14 @@ def test_without_obstacles_the_nearest_is_infinitely_far():
     assert np.isinf(obstacle_distance(grid_map())).all()
 
 
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.2, 0.5, 1.3]))
+def test_near_obstacles_are_as_far_as_by_the_whole_transform(seed, reach):
+    rng = np.random.default_rng(seed)
+    grid = grid_map(blocked=lambda x, y: rng.random(x.shape) < rng.choice([0.001, 0.02, 0.3]))
+    far = obstacle_distance(grid)
+    np.testing.assert_array_equal(obstacle_distance(grid, reach), np.where(far <= reach, far, np.inf))
+
+
 def test_cells_and_centres_agree():
     cost = build(grid_map(), CONFIG)
     np.testing.assert_allclose(cost.centre(*cost.cell(1.41, -2.19)), (1.4, -2.2), atol=1e-9)
