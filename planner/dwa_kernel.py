@@ -77,8 +77,7 @@ def roll_out(
     _trace(v, w, sideways, start, dt, heading_share, poses, facing)
     for i in range(n if discs.shape[0] > 0 else 0):
         free[i] = _until_moving(i, poses, facing, dt, half_size, discs)
-    reach = math.hypot(half_size[0], half_size[1]) + farthest * dt * steps
-    nearest = _until_contact(poses, facing, free, half_size, reach, limit, points, start_distance, met)
+    nearest = _until_contact(poses, facing, free, half_size, farthest * dt, limit, points, start_distance, met)
 
     for i in range(n):
         hazard, last, unknown_step = 0, free[i], steps
@@ -176,24 +175,27 @@ def _step(
 
 
 @njit(cache=True)
-def _until_contact(poses, facing, free, half_size, reach, limit, points, nearest, met):
+def _until_contact(poses, facing, free, half_size, stride, limit, points, nearest, met):
     """Least distance (n,) of each arc's core to a point up to the step `free` (n,) or before the core comes
     within `limit` (n,); `met` (n,) becomes the steps before that.
 
-    reach : how far from the start a point of any arc's core can be; nearest : distance at the start
+    stride : metres that no arc's base moves more in a step; nearest : distance at the start
     """
     n, steps = limit.shape[0], poses.shape[1] - 1
     square, least = np.empty(n), np.full(n, nearest * nearest)
     for i in range(n):
         met[i] = 0 if free[i] > 0 and nearest < limit[i] else free[i]
-    kept = 0
-    while kept < points.shape[0] and points[kept, 2] - reach < nearest:
-        kept += 1
-    if kept == 0:
-        return np.full(n, nearest)
     for k in range(1, steps + 1):
         square[:] = np.inf
-        for j in range(kept):
+        farthest = 0.0
+        for i in range(n):
+            if k <= met[i]:
+                farthest = max(farthest, least[i])
+        # A point at range r from the start is nearer than that to no core, and the others are farther still.
+        reach = math.sqrt(farthest) + math.hypot(half_size[0], half_size[1]) + k * stride + 1e-9
+        for j in range(points.shape[0]):
+            if points[j, 2] > reach:
+                break
             _square_distances(
                 points[j, 0], points[j, 1], half_size[0], half_size[1],
                 poses[0, k], poses[1, k], facing[0, k], facing[1, k], square,
