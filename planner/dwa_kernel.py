@@ -77,7 +77,9 @@ def roll_out(
     _trace(v, w, sideways, start, dt, heading_share, poses, facing)
     for i in range(n if discs.shape[0] > 0 else 0):
         free[i] = _until_moving(i, poses, facing, dt, half_size, discs)
-    nearest = _until_contact(poses, facing, free, half_size, farthest * dt, limit, points, start_distance, met)
+    nearest = _until_contact(
+        poses, facing, free, half_size, farthest * dt, limit, points, start_distance, met
+    )
 
     for i in range(n):
         hazard, last, unknown_step = 0, free[i], steps
