@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ def teach(arguments: argparse.Namespace) -> None:
         from planner import exposure_lessons as lessons
     folder = arguments.out or Path(f"training-{arguments.learner}")
     asked = {name: getattr(arguments, name) for name in ("scenes", "held_out", "seed", "epochs")}
-    course = lessons.Lessons(**{name: value for name, value in asked.items() if value is not None})
+    course = replace(lessons.USUAL, **{name: value for name, value in asked.items() if value is not None})
     seeds = [seed for group in course.seeds for seed in group]
     gathered = lessons.collect(folder, seeds, arguments.jobs)
     for _ in tqdm(gathered, total=len(seeds), disable=None, unit="scene", file=sys.stderr):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -17,27 +17,12 @@ from planner import scene_samples
 from planner.checkpoint import write_file
 from planner.exposure_learning import Sample, Score, fit, samples, score
 from planner.exposure_network import ExposureNetwork, save_network
+from planner.scene_samples import Lessons
 from scenes.scenario import Family, ScenarioError
 
 WEIGHTS, CARD = "covernav.safetensors", "covernav.json"
 
-
-@dataclass(frozen=True)
-class Lessons:
-    """seed : of the first scene, the weights and the order of the samples; scene i has seed + i and the
-    terrains in turn; the last `held_out` of them are for validation alone
-    """
-
-    scenes: int = 400
-    held_out: int = 60
-    seed: int = 5000
-    epochs: int = 30
-
-    @property
-    def seeds(self) -> tuple[range, range]:
-        """Of the scenes learnt from, and of those held out."""
-        last = self.seed + self.scenes
-        return range(self.seed, last), range(last, last + self.held_out)
+USUAL = Lessons(scenes=400, held_out=60, seed=5000, epochs=30)
 
 
 def collect(folder: Path, seeds: Sequence[int], jobs: int) -> Iterator[int]:

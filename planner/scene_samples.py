@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -14,6 +15,24 @@ from joblib import Parallel, delayed
 from planner.checkpoint import write_file
 
 Arrays = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """seed : of the first scene, the weights and the order of the samples; scene i has seed + i and the
+    terrains in turn; the last `held_out` of them are for validation alone
+    """
+
+    scenes: int
+    held_out: int
+    seed: int
+    epochs: int
+
+    @property
+    def seeds(self) -> tuple[range, range]:
+        """Of the scenes learnt from, and of those held out."""
+        last = self.seed + self.scenes
+        return range(self.seed, last), range(last, last + self.held_out)
 
 
 def collect(folder: Path, seeds: Sequence[int], jobs: int, take: Callable[[int], Arrays]) -> Iterator[int]:

@@ -14,6 +14,7 @@ import torch
 
 from planner import scene_samples
 from planner.checkpoint import write_file
+from planner.scene_samples import Lessons
 from planner.stopping import FEATURES, GENTLE, QUANTILES, StoppingNetwork, features, save_stopping
 from scenes.families import generate
 from scenes.physics import RobotLostError, World
@@ -23,29 +24,14 @@ from scenes.scenario import Family
 
 WEIGHTS, CARD = "covernav.safetensors", "covernav.json"
 
+USUAL = Lessons(scenes=48, held_out=16, seed=5000, epochs=300)
+
 STOPS = 40
 """In a scene."""
 
 RUN_UP, STEP, LONGEST = 1.2, 0.1, 2.0  # seconds
 STANDING = 0.05  # m/s
 EDGE = 3.0  # metres from the border of the map in which no stop begins
-
-
-@dataclass(frozen=True)
-class Lessons:
-    """seed : of the first scene and the weights; scene i has seed + i and the terrains in turn; the last
-    `held_out` of them are for validation alone"""
-
-    scenes: int = 48
-    held_out: int = 16
-    seed: int = 5000
-    epochs: int = 300
-
-    @property
-    def seeds(self) -> tuple[range, range]:
-        """Of the scenes learnt from, and of those held out."""
-        last = self.seed + self.scenes
-        return range(self.seed, last), range(last, last + self.held_out)
 
 
 @dataclass(frozen=True)
@@ -93,7 +79,10 @@ def stops(seed: int) -> dict[str, np.ndarray]:
             if stop is not None:
                 given.append(stop[0])
                 ways.append(stop[1])
-    return {"features": np.array(given, np.float32).reshape(-1, len(FEATURES)), "ways": np.float32(ways)}
+    return {
+        "features": np.array(given, np.float32).reshape(-1, len(FEATURES)),
+        "ways": np.array(ways, np.float32),
+    }
 
 
 def _stop(world: World, command: Twist) -> tuple[np.ndarray, float] | None:

@@ -11,7 +11,7 @@ from test_sensed_exposure import EAST, known, standing
 from planner import exposure_lessons
 from planner.checkpoint import PolicyError, write_tensors
 from planner.exposure_learning import Sample, fit, score
-from planner.exposure_lessons import CARD, WEIGHTS, Lessons, collect, learn, read
+from planner.exposure_lessons import CARD, WEIGHTS, collect, learn, read
 from planner.exposure_network import (
     CELLS,
     CHANNELS,
@@ -23,6 +23,7 @@ from planner.exposure_network import (
     turned,
     window,
 )
+from planner.scene_samples import Lessons
 from planner.sensed_exposure import sensed_exposure
 
 SCREEN = standing(grid_map(), lambda x, y: (abs(x - 3.0) < 0.15) & (abs(y) < 1.5))

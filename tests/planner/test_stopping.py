@@ -17,6 +17,7 @@ from planner.cost_map import CostConfig, ground_near
 from planner.driver import Driver
 from planner.exposure_network import ExposureNetwork, save_network
 from planner.methods import POLICIES, Learned, make_method
+from planner.scene_samples import Lessons
 from planner.stopping import LearnedStopping, StoppingNetwork, features, load_stopping, save_stopping
 from scenes.physics import World
 from scenes.pose import Pose, Twist
@@ -78,7 +79,7 @@ def test_it_learns_the_quantiles_of_what_stops_took(tmp_path):
         told = np.stack([speed, *np.zeros((3, 400), np.float32)], 1)
         ways = speed**2 * rng.uniform(0.1, 0.3, 400).astype(np.float32)
         np.savez(tmp_path / f"{seed}.npz", features=told, ways=ways)
-    lessons = stopping_lessons.Lessons(1, 1, 0, 150)
+    lessons = Lessons(scenes=1, held_out=1, seed=0, epochs=150)
     scores = [now for now, better in stopping_lessons.learn(tmp_path, lessons) if better]
     usual, worst = load_stopping(tmp_path / "covernav.safetensors")[0].ways(
         Pose(0.0, 0.0, 0.0), Twist(0.8, 0.0)
