@@ -94,7 +94,7 @@ def build(grid: GridMap, config: CostConfig) -> CostMap:
     unknown = grid.unknown
     steepness = np.nan_to_num(gradient / math.tan(config.max_slope))
     uneven = np.nan_to_num(roughness / config.max_roughness)
-    distance = obstacle_distance(grid, config.obstacle_reach)
+    distance = obstacle_distance(grid, max(config.obstacle_reach, config.rim))
     near = 1.0 - (distance - config.rim) / (config.obstacle_reach - config.rim)
     layers = {
         "slope": config.slope * np.minimum(steepness, 1.0) ** 2,

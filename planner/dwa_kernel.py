@@ -193,7 +193,8 @@ def _until_contact(poses, facing, free, half_size, stride, limit, points, neares
         for i in range(n):
             if k <= met[i]:
                 farthest = max(farthest, least[i])
-        # A point at range r from the start is nearer than that to no core, and the others are farther still.
+        # A point farther from the start comes no nearer to any core than something has been, and the points
+        # after it are farther still.
         reach = math.sqrt(farthest) + math.hypot(half_size[0], half_size[1]) + k * stride + 1e-9
         for j in range(points.shape[0]):
             if points[j, 2] > reach:
