@@ -53,6 +53,8 @@ def train_policy(arguments: argparse.Namespace) -> None:
     where it cannot go on."""
     from planner.learning_errors import TrainingRefusal
 
+    if arguments.figure is not None and arguments.curves is None:
+        raise TrainingRefusal("--figure draws learning curves; name the trainings with --curves")
     if arguments.learner in ("stopping", "exposure"):
         teach(arguments)
         return

@@ -66,6 +66,7 @@ def test_learning_curves_are_drawn_and_the_same_again(trained, tmp_path, capsys)
         (["--out", "{trained}/settings.json"], "cannot be written"),
         (["--out", "/proc/nowhere"], "cannot be written"),
         (["--curves", "{trained}", "--figure", "/proc/nowhere.png"], "cannot be written"),
+        (["--figure", "curves.png"], "name the trainings with --curves"),
     ],
 )
 def test_what_cannot_be_met_is_refused_in_one_line(trained, capsys, arguments, words):
