@@ -269,3 +269,21 @@ def steps(elevation, step, slope_rise):
                 higher |= row < rows - apart and height - elevation[row + apart, col] > limit
                 high[row, col] |= higher
     return high
+
+
+@numba.njit(cache=True)
+def turned_patch(elevation, x_min, y_min, resolution, x, y, yaw, size, spacing):
+    """(size, size) heights of the cells nearest to points `spacing` apart about (x, y), axis 1 along `yaw`, axis
+    0 to its left; NaN off the map. elevation : (rows, cols), cell [0, 0] at (x_min, y_min)"""
+    rows, cols = elevation.shape
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    patch = np.full((size, size), np.nan, elevation.dtype)
+    for i in range(size):
+        left = (i - 0.5 * (size - 1)) * spacing
+        for j in range(size):
+            forward = (j - 0.5 * (size - 1)) * spacing
+            col = int(np.rint((x + cos * forward - sin * left - x_min) / resolution))
+            row = int(np.rint((y + sin * forward + cos * left - y_min) / resolution))
+            if 0 <= row < rows and 0 <= col < cols:
+                patch[i, j] = elevation[row, col]
+    return patch

@@ -73,14 +73,10 @@ def elevation_patch(grid: GridMap, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     (forward) of the body, cells of 0.5 m centred at -9.75 to 9.75 m; and (40, 40) bool, where the grid knew
     nothing and the nearest known cell stands in.
     """
-    along = (np.arange(PATCH_CELLS) - 0.5 * (PATCH_CELLS - 1)) * PATCH_RESOLUTION
-    forward, left = np.meshgrid(along, along)
-    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-    col = np.rint((pose.x + cos * forward - sin * left - grid.x_min) / grid.resolution).astype(int)
-    row = np.rint((pose.y + sin * forward + cos * left - grid.y_min) / grid.resolution).astype(int)
-    rows, cols = grid.shape
-    inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
-    height = np.where(inside, grid.elevation[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)], np.nan)
+    height = kernels.turned_patch(
+        grid.elevation, grid.x_min, grid.y_min, grid.resolution,
+        pose.x, pose.y, pose.yaw, PATCH_CELLS, PATCH_RESOLUTION,
+    )  # fmt: skip
     unknown = np.isnan(height)
     if unknown.all():
         return np.zeros((PATCH_CELLS, PATCH_CELLS), np.float32), unknown

@@ -53,6 +53,7 @@ class Mission:
     snapshot : of a mission of the same terrain, to go on from; scenario, method and perception given here win
     weights : of a training, instead of the learned method's own
     world : makes what is driven in; `scenes.kinematics.KinematicWorld` for drives by the dozen
+    rays : of this very ground and cover, for whoever has made them already; the mission moves its figures
 
     Raises ValueError for an unknown method, weights that cannot be used or a decision period below a tick.
     """
@@ -69,6 +70,7 @@ class Mission:
         decision_period_s: float = TICK_S,
         weights: Path | None = None,
         world: Callable[..., DrivenWorld] = World,
+        rays: RayScene | None = None,
     ):
         if not (math.isfinite(decision_period_s) and decision_period_s >= TICK_S):
             raise ValueError(f"the decision period must be at least {TICK_S} s, got {decision_period_s}")
@@ -79,7 +81,7 @@ class Mission:
         self._method = make_method(method, seed, weights)
         self._perceiver = Perceiver(scenario, perception, np.random.default_rng(seed))
         self._heightmap = scenario.terrain.heightmap()
-        self._rays = RayScene(self._heightmap, scenario.cover)
+        self._rays = rays or RayScene(self._heightmap, scenario.cover)
         start, begun_s = scenario.start, 0.0
         if snapshot is not None:
             pose = snapshot.pose
@@ -211,7 +213,7 @@ class Mission:
         planner_ms: float,
     ) -> Frame:
         world, time_s = self._world, self._world.time_s
-        scan = self._perceiver.scan_points
+        cloud = self._perceiver.cloud
         return Frame(
             tick=self._tick,
             time_s=time_s,
@@ -229,7 +231,7 @@ class Mission:
             obstacles=tuple(
                 self._stand(obstacle.id, obstacle, time_s) for obstacle in self.scenario.obstacles
             ),
-            scan_points=scan[:: max(1, math.ceil(len(scan) / DRAWN_SCAN_POINTS))],
+            scan_points=np.zeros((0, 3), np.float32) if cloud is None else cloud.in_world(DRAWN_SCAN_POINTS),
             message=message,
             in_cover=covered,
             exposure=self._leg.exposure.exposure,

@@ -57,7 +57,7 @@ class Perceiver:
     `perception` may be switched at any time; what was sensed before is kept. It can be pickled, so that a
     mission can go on elsewhere from where it was.
 
-    scan_points : (n, 3) float32 world points of the newest lidar turn, for drawing
+    cloud : the newest lidar turn; None before there was one, and in the oracle's perception
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Perceiver:
     ):
         sensing = sensing or Sensing()
         self.perception = perception
-        self.scan_points = np.zeros((0, 3), np.float32)
+        self.cloud: PointCloud | None = None
         seeds = np.random.default_rng(0) if rng is None else rng
         self._lidar_rng, self._camera_rng, self._odometry_rng, self._detection_rng = seeds.spawn(4)
         self._lidar, self._camera = Lidar(sensing.lidar), SemanticCamera(sensing.camera)
@@ -98,7 +98,7 @@ class Perceiver:
         moves with `twist`. Call it once a tick, with walkers placed in `rays`."""
         self._spotter.look(rays, self._heightmap, pose, self._scenario.observers, time_s)
         if self.perception is Perception.ORACLE:
-            self.scan_points = np.zeros((0, 3), np.float32)
+            self.cloud = None
             moving = true_obstacles(self._scenario.obstacles, time_s)
             grid = self._truth.about(pose.x, pose.y)
             return self._percept(time_s, pose, twist, goal, grid, moving, (), self._true_cover, None)
@@ -116,7 +116,7 @@ class Perceiver:
 
     def _scan(self, rays: RayScene, pose: Pose, estimate: Pose, time_s: float) -> tuple[TrackedObstacle, ...]:
         cloud = self._lidar.scan(rays, pose, self._lidar_rng)
-        self.scan_points = cloud.points
+        self.cloud = cloud
         world = estimate.to_world(cloud.points_body.astype(float))
         sensor = estimate.compose(self._lidar.config.mount)
         kinds = {obstacle.id: obstacle.kind for obstacle in self._scenario.obstacles}

@@ -13,10 +13,12 @@ FIGURE = 0.6
 DARK = 0.02
 """Share of light that counts as none."""
 
+ROUNDING = 1e-6  # metres
+
 
 @njit(cache=True, nogil=True)
 def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, resolution, own):
-    """(k, h) float32 share of light that reaches `eye` from `heights` (h,) over the ground of cells.
+    """(k, h) float32 share of light that reaches `eye` from `heights` (h,), ascending, over the ground of cells.
 
     ground : (r, c) heights without gaps; stops : (r, c) heights below which nothing is seen
     low, high : (r, c) heights between which something stops a share `opacity` (r, c) of the light, high <=
@@ -31,6 +33,7 @@ def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, reso
     light = np.ones((count, levels), np.float32)
     map_rows, map_cols = ground.shape
     inside = np.zeros(levels, np.bool_)
+    free = _free_above(stops, low, high)
     for i in range(count):
         row, col = rows[i], cols[i]
         step_col, step_row = eye[0] - col, eye[1] - row
@@ -42,12 +45,18 @@ def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, reso
         last = int(steps * (1.0 - FIGURE / distance)) if distance > FIGURE else 0
         base = ground[row, col]
         inside[:] = False
+        entered = False
         left = levels
         for k in range(1, last + 1):
             share = k / steps
             r, c = round(row + share * step_row), round(col + share * step_col)
             if r < 0 or c < 0 or r >= map_rows or c >= map_cols:
                 break
+            if base + heights[0] + share * (eye[2] - base - heights[0]) > free[r, c]:
+                if entered:  # no level of `heights`, which ascend, meets anything here
+                    inside[:] = False
+                    entered = False
+                continue
             floor, bottom, top = stops[r, c], low[r, c], high[r, c]
             for j in range(levels):
                 if light[i, j] <= DARK:
@@ -58,7 +67,7 @@ def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, reso
                 elif k >= first and bottom <= z < top:
                     if not inside[j]:
                         light[i, j] *= 1.0 - opacity[r, c]
-                    inside[j] = True
+                    inside[j] = entered = True
                 else:
                     inside[j] = False
                 if light[i, j] <= DARK:
@@ -67,3 +76,15 @@ def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, reso
             if left == 0:
                 break
     return light
+
+
+@njit(cache=True, nogil=True)
+def _free_above(stops, low, high):
+    """(r, c) heights above which nothing stops light, and a little more than rounding can take away."""
+    rows, cols = stops.shape
+    free = np.empty((rows, cols))
+    for r in range(rows):
+        for c in range(cols):
+            top = high[r, c] if high[r, c] > low[r, c] else -np.inf
+            free[r, c] = max(stops[r, c], top) + ROUNDING
+    return free

@@ -8,7 +8,7 @@ fifths of its exposed seconds. `crossing` is random ground on which people and v
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
 from itertools import islice
@@ -60,11 +60,14 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class SuiteMission:
+    """rays : of its ground and cover"""
+
     scenario: Scenario
     reference: Reference
+    rays: RayScene
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def suite_mission(
     suite: Suite,
     terrain: Family,
@@ -90,7 +93,7 @@ def suite_mission(
     if knowledge is Knowledge.KNOWN:
         return found
     hidden = tuple(observer.model_copy(update={"known": False}) for observer in found.scenario.observers)
-    return SuiteMission(found.scenario.revised(observers=hidden), found.reference)
+    return replace(found, scenario=found.scenario.revised(observers=hidden))
 
 
 def size_for(goal_distance: float) -> float:
@@ -113,8 +116,8 @@ def _as_it_comes(scenario: Scenario) -> SuiteMission:
     try:
         shortest, bound = planner.route(start, goal, 0.0, yaw), planner.bound(start, goal, yaw=yaw)
     except NoRoute:
-        return SuiteMission(scenario, Reference())
-    return SuiteMission(scenario, _reference(shortest, bound))
+        return SuiteMission(scenario, Reference(), planner.rays)
+    return SuiteMission(scenario, _reference(shortest, bound), planner.rays)
 
 
 def _covert(
@@ -155,7 +158,7 @@ def _judge(scenario: Scenario, rays: RayScene) -> SuiteMission | None:
         or hidden.length_m > LONGEST * shortest.length_m
     ):
         return None
-    return SuiteMission(scenario, _reference(shortest, hidden))
+    return SuiteMission(scenario, _reference(shortest, hidden), rays)
 
 
 def _planner(scenario: Scenario, rays: RayScene | None = None) -> CovertPlanner:

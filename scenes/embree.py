@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
+import numba
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
@@ -19,7 +20,8 @@ Part = tuple[np.ndarray, np.ndarray]
 ANSWERS = ("tfar", "geomID", "primID", "Ng")
 RAYS_WORTH_A_THREAD = 4096
 PIECES = 4  # for each thread
-_CORES = len(os.sched_getaffinity(0))
+_CORES = min(len(os.sched_getaffinity(0)), numba.config.NUMBA_NUM_THREADS)
+"""As many as compiled code may have: joblib tells each of its workers its share so."""
 
 # One device for all scenes of the process: each keeps its own threads otherwise.
 _DEVICE = EmbreeDevice()

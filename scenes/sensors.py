@@ -42,7 +42,7 @@ class LidarConfig:
 class PointCloud:
     """The returns of one turn; what returned nothing is left out.
 
-    points : (n, 3) float32 in the world, by the robot's true pose: for drawing, not for the robot
+    pose : the robot's true `pose_world_base`
     points_body : (n, 3) float32 in the robot's base frame
     ranges : (n,) float32 metres from the sensor
     body : (n,) int32 what was hit, as in `RayScene.bodies`; it stands for a segmentation of the cloud
@@ -50,12 +50,17 @@ class PointCloud:
         from the lowest up
     """
 
-    points: np.ndarray
+    pose: Pose
     points_body: np.ndarray
     ranges: np.ndarray
     body: np.ndarray
     column: np.ndarray
     beam: np.ndarray
+
+    def in_world(self, most: int) -> np.ndarray:
+        """(at most `most`, 3) float32 points in the world, evenly thinned: for drawing, not for the robot."""
+        thinned = self.points_body[:: max(1, math.ceil(len(self.points_body) / most))]
+        return self.pose.to_world(thinned.astype(float)).astype(np.float32)
 
 
 class Lidar:
@@ -93,19 +98,17 @@ class Lidar:
             hits.distance, hits.body, noise, self.directions, config.mount.position,
             np.float32(config.min_range), config.beams,
         )  # fmt: skip
-        return PointCloud(
-            pose.to_world(points).astype(np.float32), points.astype(np.float32), ranges, body, column, beam
-        )
+        return PointCloud(pose, points, ranges, body, column, beam)
 
 
 @numba.njit(cache=True)
 def cloud_kernel(distance, body, noise, directions, mount, nearest, beams):
-    """The rays (n,) that hit something at `nearest` or farther: points (m, 3) float64 from the middle of the
+    """The rays (n,) that hit something at `nearest` or farther: points (m, 3) float32 from the middle of the
     sensor at `mount` (3,), ranges, bodies, columns and beams (m,), as `PointCloud` has them."""
     count = 0
     for i in range(len(distance)):
         count += body[i] >= 0 and distance[i] >= nearest
-    points, ranges = np.empty((count, 3)), np.empty(count, np.float32)
+    points, ranges = np.empty((count, 3), np.float32), np.empty(count, np.float32)
     hit, column, beam = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.int32)
     k = 0
     for i in range(len(distance)):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 
 from scenes.catalogue import TraversabilityGroup
 
@@ -146,19 +148,13 @@ class Heightmap:
         )
 
     def height_at(self, x, y) -> np.ndarray:
-        """Ground height at world points, arrays of one shape or scalars; clipped to the map."""
-        rows, cols = self.shape
-        u = np.clip((np.asarray(x, float) - self.x_min) / self.resolution, 0.0, cols - 1.0)
-        v = np.clip((np.asarray(y, float) - self.y_min) / self.resolution, 0.0, rows - 1.0)
-        col = np.minimum(u.astype(int), cols - 2)
-        row = np.minimum(v.astype(int), rows - 2)
-        u, v = u - col, v - row
-        h = self.heights
-        near, far = h[row, col], h[row + 1, col + 1]
-        east, north = h[row, col + 1], h[row + 1, col]
-        lower = near + u * (east - near) + v * (north - near)
-        upper = far + (1.0 - u) * (north - far) + (1.0 - v) * (east - far)
-        return np.where(u + v <= 1.0, lower, upper)
+        """Ground height at world points, arrays that broadcast or scalars; clipped to the map, NaN where a
+        coordinate is."""
+        x, y = np.asarray(x, float), np.asarray(y, float)
+        if x.shape != y.shape:
+            x, y = np.broadcast_arrays(x, y)
+        heights = heights_between(self.heights, self.x_min, self.y_min, self.resolution, x.ravel(), y.ravel())
+        return heights.reshape(x.shape)
 
     @cached_property
     def slope(self) -> np.ndarray:
@@ -176,6 +172,30 @@ class Heightmap:
         north, far = index[1:, :-1].ravel(), index[1:, 1:].ravel()
         faces = np.concatenate([np.column_stack([near, east, north]), np.column_stack([east, far, north])])
         return vertices, faces
+
+
+@njit(cache=True)
+def heights_between(samples, x_min, y_min, resolution, x, y):
+    """(n,) heights of the ground at x, y (n,) between its samples (rows, cols), of which [0, 0] lies at
+    (x_min, y_min); off the map that of its nearest edge."""
+    rows, cols = samples.shape
+    heights = np.empty(len(x))
+    for i in range(len(x)):
+        u, v = (x[i] - x_min) / resolution, (y[i] - y_min) / resolution
+        if math.isnan(u) or math.isnan(v):
+            heights[i] = math.nan
+            continue
+        u, v = min(max(u, 0.0), cols - 1.0), min(max(v, 0.0), rows - 1.0)
+        col, row = min(int(u), cols - 2), min(int(v), rows - 2)
+        u, v = u - col, v - row
+        east, north = samples[row, col + 1], samples[row + 1, col]
+        if u + v <= 1.0:
+            near = samples[row, col]
+            heights[i] = near + u * (east - near) + v * (north - near)
+        else:
+            far = samples[row + 1, col + 1]
+            heights[i] = far + (1.0 - u) * (north - far) + (1.0 - v) * (east - far)
+    return heights
 
 
 def _decode(rows: Sequence[str], symbols: tuple[StrEnum, ...]) -> np.ndarray:

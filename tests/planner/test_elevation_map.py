@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from vlp16 import ground, standing, thing, turn
 
-from planner.elevation_kernels import WEIGHT
+from planner.elevation_kernels import WEIGHT, turned_patch
 from planner.elevation_map import ElevationMap, MapConfig, elevation_patch, step_cells, window_origin
 from planner.frames import GridMap
 from scenes.pose import Pose
@@ -209,6 +209,22 @@ def test_the_patch_is_the_ground_ahead_and_to_the_left_relative_to_the_robot(x, 
     forward, left = np.meshgrid(along, along)
     ahead, aside = 0.1 * math.cos(yaw) + 0.2 * math.sin(yaw), -0.1 * math.sin(yaw) + 0.2 * math.cos(yaw)
     np.testing.assert_allclose(patch, ahead * forward + aside * left, atol=0.04)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_turned_patch_agrees_with_its_plain_twin(seed):
+    draw = np.random.default_rng(seed)
+    elevation = draw.normal(size=(30, 50)).astype(np.float32)
+    elevation[draw.random(elevation.shape) < 0.2] = np.nan
+    x_min, y_min, (x, y), yaw = -5.0, -3.0, draw.uniform(-6.0, 6.0, 2), draw.uniform(-4.0, 4.0)
+    along = (np.arange(12) - 5.5) * 0.5
+    forward, left = np.meshgrid(along, along)
+    col = np.rint((x + np.cos(yaw) * forward - np.sin(yaw) * left - x_min) / 0.2).astype(int)
+    row = np.rint((y + np.sin(yaw) * forward + np.cos(yaw) * left - y_min) / 0.2).astype(int)
+    on_map = (row >= 0) & (row < 30) & (col >= 0) & (col < 50)
+    plain = np.where(on_map, elevation[row.clip(0, 29), col.clip(0, 49)], np.nan)
+    ours = turned_patch(elevation, x_min, y_min, 0.2, x, y, yaw, 12, 0.5)
+    np.testing.assert_array_equal(ours, plain)
 
 
 def test_unknown_cells_of_the_patch_take_the_nearest_known_height():

@@ -31,6 +31,26 @@ def test_at_a_sample_the_ground_is_the_sample():
     assert np.allclose(ground.height_at(*ground.xy()), ground.heights, atol=1e-12)
 
 
+def test_heights_agree_with_their_plain_twin():
+    ground, draw = bumpy(), np.random.default_rng(5)
+    x, y = draw.uniform(-4.0, 4.0, (2, 500))
+    u = np.clip((x - ground.x_min) / ground.resolution, 0.0, 12.0)
+    v = np.clip((y - ground.y_min) / ground.resolution, 0.0, 8.0)
+    col, row = np.minimum(u.astype(int), 11), np.minimum(v.astype(int), 7)
+    u, v, h = u - col, v - row, ground.heights
+    near, far, east, north = h[row, col], h[row + 1, col + 1], h[row, col + 1], h[row + 1, col]
+    lower = near + u * (east - near) + v * (north - near)
+    upper = far + (1.0 - u) * (north - far) + (1.0 - v) * (east - far)
+    np.testing.assert_array_equal(ground.height_at(x, y), np.where(u + v <= 1.0, lower, upper))
+
+
+def test_heights_are_asked_for_in_any_shape_and_unknown_places_have_none():
+    ground = bumpy()
+    assert float(ground.height_at(1, -0.7)) == ground.height_at(np.array([[1.0]]), -0.7)[0, 0]
+    assert ground.height_at(np.zeros((0, 2)), np.zeros((0, 2))).shape == (0, 2)
+    assert np.isnan(ground.height_at(np.nan, 0.0))
+
+
 @given(st.floats(-3.0, 3.0), st.floats(-2.0, 2.0))
 def test_between_samples_the_ground_is_the_triangle_below(x, y):
     ground = bumpy()
