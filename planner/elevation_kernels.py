@@ -273,8 +273,8 @@ def steps(elevation, step, slope_rise):
 
 @numba.njit(cache=True)
 def turned_patch(elevation, x_min, y_min, resolution, x, y, yaw, size, spacing):
-    """(size, size) heights of the cells nearest to points `spacing` apart about (x, y), axis 1 along `yaw`, axis
-    0 to its left; NaN off the map. elevation : (rows, cols), cell [0, 0] at (x_min, y_min)"""
+    """(size, size) heights of the cells nearest to points `spacing` apart about (x, y), axis 1 along `yaw`,
+    axis 0 to its left; NaN off the map. elevation : (rows, cols), cell [0, 0] at (x_min, y_min)"""
     rows, cols = elevation.shape
     cos, sin = math.cos(yaw), math.sin(yaw)
     patch = np.full((size, size), np.nan, elevation.dtype)

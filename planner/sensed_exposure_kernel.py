@@ -18,12 +18,12 @@ ROUNDING = 1e-6  # metres
 
 @njit(cache=True, nogil=True)
 def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, resolution, own):
-    """(k, h) float32 share of light that reaches `eye` from `heights` (h,), ascending, over the ground of cells.
+    """(k, h) float32 share of light that reaches `eye` from `heights` (h,) over the ground of cells.
 
     ground : (r, c) heights without gaps; stops : (r, c) heights below which nothing is seen
     low, high : (r, c) heights between which something stops a share `opacity` (r, c) of the light, high <=
         low where nothing does
-    rows, cols : (k,) the cells asked for; eye : (3,) column, row (not rounded, may lie off the map), height
+    heights : ascending; rows, cols : (k,) the cells asked for; eye : (3,) column, row (not rounded, may lie off the map), height
     own : metres from the cell within which things do not hide, for the robot would stand there
 
     The line is looked at in every cell of its longer axis. The ground stops all light; a thing stops its
