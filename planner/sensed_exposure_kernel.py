@@ -23,7 +23,8 @@ def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, reso
     ground : (r, c) heights without gaps; stops : (r, c) heights below which nothing is seen
     low, high : (r, c) heights between which something stops a share `opacity` (r, c) of the light, high <=
         low where nothing does
-    heights : ascending; rows, cols : (k,) the cells asked for; eye : (3,) column, row (not rounded, may lie off the map), height
+    heights : ascending; rows, cols : (k,) the cells asked for
+    eye : (3,) column, row (not rounded, may lie off the map), height
     own : metres from the cell within which things do not hide, for the robot would stand there
 
     The line is looked at in every cell of its longer axis. The ground stops all light; a thing stops its
