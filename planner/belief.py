@@ -86,20 +86,11 @@ class Belief:
 
         Over every `stride`-th cell, as `planner.exposure.exposure_field` takes them; NaN without data.
         """
-        field = exposure_field(
-            self._rays, self._heightmap, self._views(self._drawn()), stride=stride, height=height
-        )
+        drawn = self._views(evenly_drawn(self.weights, self.config.drawn))
+        field = exposure_field(self._rays, self._heightmap, drawn, stride=stride, height=height)
         if not len(field.seen):
             return field.united
         return (self.config.attention * field.seen.mean(axis=0)).astype(np.float32)
-
-    def _drawn(self) -> np.ndarray:
-        """Indices of places, each as often as its weight says."""
-        upto = np.cumsum(self.weights)
-        if not len(upto) or upto[-1] <= 0.0:
-            return np.zeros(0, np.int64)
-        steps = (np.arange(self.config.drawn) + 0.5) / self.config.drawn
-        return np.searchsorted(upto, steps * upto[-1])
 
     def _views(self, indices: np.ndarray) -> list[View]:
         """All-round views from some of the places."""
@@ -124,3 +115,12 @@ class Belief:
         weights = share**self.config.choice
         total = weights.sum()
         return weights / total if total > 0.0 else weights
+
+
+def evenly_drawn(weights: np.ndarray, count: int) -> np.ndarray:
+    """(count,) indices, ascending, each as often as its weight says; none where all weights are 0."""
+    upto = np.cumsum(weights)
+    if not len(upto) or upto[-1] <= 0.0:
+        return np.zeros(0, np.int64)
+    steps = (np.arange(count) + 0.5) / count
+    return np.searchsorted(upto, steps * upto[-1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
@@ -29,7 +29,8 @@ from planner.observation import (
 )
 from planner.perception import Perceiver, Sensing
 from planner.reward import REWARDS, Moment, Reward
-from planner.sensed_exposure import sensed_exposure
+from planner.sensed_belief import SensedBelief
+from planner.sensed_exposure import MapSight, sensed_exposure
 from planner.shelter import Shelter
 from scenes.kinematics import KinematicWorld
 from scenes.pose import Pose, Twist, wrap_angle
@@ -70,6 +71,17 @@ EXPOSURE_PERIOD = {Dynamics.PHYSICS: 2, Dynamics.KINEMATIC: 4}
 """Decisions for which what the map tells of exposure is good, unless an observer has been spotted."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Expected:
+    """What observers would see of the robot, (rows, cols) over a map: those it knew of then, and those whom
+    it has not seen yet, None where there are none."""
+
+    known: tuple[int, ...]
+    grid: GridMap
+    exposure: np.ndarray
+    belief: np.ndarray | None
+
+
 class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     """A Husky on its way to a goal, watched or not, deciding four times a second.
 
@@ -92,7 +104,8 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     scenario : drive this one, as it stands, instead of drawn ones; with `goal_distance` among the options
         of a reset, draw drives on its ground
     variety : how many grounds of a terrain there are
-    exposure_layer : whether that layer is filled, a fifth of a step's time; zeros otherwise
+    exposure_layer : whether the layers of exposure and belief are filled, which costs time; zeros otherwise.
+        The belief stays dark where the robot has been told of all observers
 
     `reset` takes a seed, from which all of the episode follows, and options: any of those six, `scenario`
     and `max_steps`. Raises ValueError for what is unknown or out of range, ScenarioError for a scenario
@@ -151,8 +164,9 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         )
         self.status, self.steps, self.exposed_s = Status.RUNNING, 0, 0.0
         self._elevations: deque[float] = deque(maxlen=REMEMBERED)
-        self._exposure: tuple[GridMap, np.ndarray] | None = None
-        self._known: tuple[int, ...] = ()
+        self._expected: _Expected | None = None
+        route = (self.scenario.start.x, self.scenario.start.y), (self.scenario.goal.x, self.scenario.goal.y)
+        self._belief = SensedBelief(route, rng.spawn(1)[0]) if self._untold else None
         self._pose = self._world.pose
         percept, views = self._sense(self._world)
         seen = visible_fraction(self._rays, views, self._pose)
@@ -172,7 +186,9 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             own = self._grounds.draw(task, self.np_random)
         elif "goal_distance" not in given:
             check_reachable(own.scenario)
+            self._untold = any(not observer.known for observer in own.scenario.observers)
             return own, own.scenario
+        self._untold = not task.known
         return own, own.draw(task, self.np_random)
 
     def _make_world(self) -> DrivenWorld:
@@ -232,16 +248,27 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         known = views_at(percept.observers, self._ground.heightmap, percept.time_s)
         if known != views:
             seen = visible_fraction(self._rays, known, self._pose)
-        exposure = self._expected_exposure(percept) if self.exposure_layer else None
-        return observe(percept, heading_change=turned, visible=seen.united, exposure=exposure)
+        if not self.exposure_layer:
+            return observe(percept, heading_change=turned, visible=seen.united)
+        expected, pose = self._expect(percept), percept.pose
+        belief = None if expected.belief is None else on_patch(expected.grid, expected.belief, pose)
+        exposure = on_patch(expected.grid, expected.exposure, pose)
+        return observe(
+            percept, heading_change=turned, visible=seen.united, exposure=exposure, belief=belief
+        )
 
-    def _expected_exposure(self, percept: Percept) -> np.ndarray:
-        """(40, 40) what the robot's own map says that known observers would see of it about here."""
+    def _expect(self, percept: Percept) -> _Expected:
+        """What the robot's own map says that observers would see of it about here."""
         due = self.steps % EXPOSURE_PERIOD[self.dynamics] == 0
-        if self._exposure is None or due or percept.known_observers != self._known:
-            self._exposure, self._known = (percept.grid, sensed_exposure(percept)), percept.known_observers
-        grid, exposure = self._exposure
-        return on_patch(grid, exposure, percept.pose)
+        expected = self._expected
+        if expected is None or due or percept.known_observers != expected.known:
+            on_map, belief = MapSight.of(percept), None
+            if self._belief is not None:
+                self._belief.look(percept, on_map)
+                belief = self._belief.exposure(on_map)
+            exposure = sensed_exposure(percept, on_map)
+            self._expected = expected = _Expected(percept.known_observers, percept.grid, exposure, belief)
+        return expected
 
     def _moment(self, before: Pose, seen: VisibleFraction, shelter: Shelter, percept: Percept) -> Moment:
         after, goal, cover = self._pose, self.scenario.goal, self._ground.cover

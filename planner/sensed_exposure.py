@@ -8,6 +8,7 @@ camera has found: how much light a thing lets through, and that it has a back wh
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import label
@@ -16,7 +17,7 @@ from planner.elevation_map import without_gaps
 from planner.frames import CoverEstimate, GridMap, Percept
 from planner.hull_exposure import over_hull
 from planner.line_of_sight import View
-from planner.sensed_exposure_kernel import light_from
+from planner.sensed_exposure_kernel import free_above, light_from
 from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.robot import HUSKY
 from scenes.scenario import Observer
@@ -37,16 +38,51 @@ HOLLOW = frozenset({CoverKind.TREE, CoverKind.FENCE})
 """Kinds that do not fill their outline from the ground up."""
 
 
-def sensed_exposure(percept: Percept) -> np.ndarray:
+@dataclass(frozen=True, eq=False)
+class MapSight:
+    """Lines of sight over the robot's own map.
+
+    ground : (rows, cols) heights of `grid` without gaps; stops : those below which nothing is seen
+    low, high, opacity : as `occluders` returns them; free : heights above which nothing stops light
+    """
+
+    grid: GridMap
+    ground: np.ndarray
+    stops: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    free: np.ndarray
+    opacity: np.ndarray
+
+    @classmethod
+    def of(cls, percept: Percept) -> MapSight:
+        grid = percept.grid
+        ground = without_gaps(grid.elevation.astype(float))
+        stops = np.where(np.isnan(grid.elevation), -np.inf, ground)
+        low, high, opacity = occluders(percept)
+        return cls(grid, ground, stops, low, high, free_above(stops, low, high), opacity)
+
+    def light(self, eye: np.ndarray, row: np.ndarray, col: np.ndarray, heights: np.ndarray) -> np.ndarray:
+        """(k, h) float32 share of light that reaches an eye (3,) in the world, on the map or off it, from
+        `heights` (h,), ascending, over the ground of cells (k,)."""
+        grid = self.grid
+        on_map = np.array([eye[0] - grid.x_min, eye[1] - grid.y_min, eye[2]])
+        on_map[:2] /= grid.resolution
+        return light_from(
+            self.ground, self.stops, self.low, self.high, self.free, self.opacity, heights, row, col, on_map,
+            grid.resolution, HUSKY.inscribed_radius,
+        )  # fmt: skip
+
+
+def sensed_exposure(percept: Percept, on_map: MapSight | None = None) -> np.ndarray:
     """(rows, cols) float32 over `percept.grid`: the visible fraction, from 0 to 1, of a robot that stands in
-    each cell, the mean over its headings, united over the known observers.
+    each cell, the mean over its headings, united over the known observers. `on_map` spares its making.
     """
     grid = percept.grid
     if not percept.observers:
         return np.zeros(grid.shape, np.float32)
-    ground = without_gaps(grid.elevation.astype(float))
-    low, high, opacity = occluders(percept)
-    stops = np.where(np.isnan(grid.elevation), -np.inf, ground)
+    on_map = on_map or MapSight.of(percept)
+    ground = on_map.ground
     rows, cols = (np.arange((size % STRIDE) // 2, size, STRIDE) for size in grid.shape)
     row, col = (part.ravel() for part in np.meshgrid(rows, cols, indexing="ij"))
     heights = np.unique(HUSKY.hull_points()[:, 2])
@@ -64,12 +100,7 @@ def sensed_exposure(percept: Percept) -> np.ndarray:
         united = np.zeros_like(light)
         for view in views_on_map(percept, ground, ahead):
             held = np.flatnonzero(view.holds(middle))
-            eye = np.array([view.x - grid.x_min, view.y - grid.y_min, view.z])
-            eye[:2] /= grid.resolution
-            seen = light_from(
-                ground, stops, low, high, opacity, heights, row[held], col[held], eye, grid.resolution,
-                HUSKY.inscribed_radius,
-            )  # fmt: skip
+            seen = on_map.light(view.eye, row[held], col[held], heights)
             united[held] = np.maximum(united[held], seen)
         light += united / len(times)
     levels = light.T.reshape(len(heights), len(rows), len(cols))

@@ -17,12 +17,12 @@ ROUNDING = 1e-6  # metres
 
 
 @njit(cache=True, nogil=True)
-def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, resolution, own):
+def light_from(ground, stops, low, high, free, opacity, heights, rows, cols, eye, resolution, own):
     """(k, h) float32 share of light that reaches `eye` from `heights` (h,) over the ground of cells.
 
     ground : (r, c) heights without gaps; stops : (r, c) heights below which nothing is seen
     low, high : (r, c) heights between which something stops a share `opacity` (r, c) of the light, high <=
-        low where nothing does
+        low where nothing does; free : (r, c) of `free_above`
     heights : ascending; rows, cols : (k,) the cells asked for
     eye : (3,) column, row (not rounded, may lie off the map), height
     own : metres from the cell within which things do not hide, for the robot would stand there
@@ -34,7 +34,6 @@ def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, reso
     light = np.ones((count, levels), np.float32)
     map_rows, map_cols = ground.shape
     inside = np.zeros(levels, np.bool_)
-    free = _free_above(stops, low, high)
     for i in range(count):
         row, col = rows[i], cols[i]
         step_col, step_row = eye[0] - col, eye[1] - row
@@ -80,7 +79,7 @@ def light_from(ground, stops, low, high, opacity, heights, rows, cols, eye, reso
 
 
 @njit(cache=True, nogil=True)
-def _free_above(stops, low, high):
+def free_above(stops, low, high):
     """(r, c) heights above which nothing stops light, and a little more than rounding can take away."""
     rows, cols = stops.shape
     free = np.empty((rows, cols))

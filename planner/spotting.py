@@ -17,7 +17,7 @@ from scenes.terrain import Heightmap
 SPOTTING_RANGE = 25.0
 """Metres from the lidar or the camera within which an observer in line of sight is recognised as one."""
 
-_FIGURE_MIDDLE = 0.9  # metres above the ground
+FIGURE_MIDDLE = 0.9  # metres above the ground
 
 
 class Spotter:
@@ -71,7 +71,7 @@ def in_sight(
     """(n,) bool: whether a robot at `pose` (of the base, in the world) would spot somebody at places (n, 2)
     with eyes (n,) metres above the ground."""
     ground = heightmap.height_at(places[:, 0], places[:, 1])
-    heights = np.concatenate([ground + eye_heights, ground + _FIGURE_MIDDLE])
+    heights = np.concatenate([ground + eye_heights, ground + FIGURE_MIDDLE])
     targets = np.column_stack([np.tile(places, (2, 1)), heights])
     seen = np.zeros(len(targets), bool)
     for mount in (HUSKY.lidar_mount, HUSKY.camera_mount):

@@ -177,6 +177,17 @@ class TestEpisodes:
         env.reset(seed=0, options={"scenario": field(cover=(wall,), goal=(0.0, 8.0))})
         assert not env.step(STOP)[0]["layers"][4].any(), "nobody watches"
 
+    def test_the_belief_layer_fears_those_of_whom_the_robot_was_not_told(self) -> None:
+        untold = WATCHER.model_copy(update={"known": False})
+        told, unaware = (
+            CoverNavEnv(scenario=field(goal=(8.0, 0.0), observers=(each,))) for each in (WATCHER, untold)
+        )
+        assert not told.reset(seed=0)[0]["layers"][5].any()
+        belief = unaware.reset(seed=0)[0]["layers"][5]
+        assert 0.0 < belief.max() <= 1.0
+        again = unaware.reset(seed=0)[0]["layers"][5]
+        assert np.array_equal(belief, again)
+
     def test_cover_in_the_line_of_sight_pays_and_hides(self) -> None:
         wall = thing(1, "building", x=0.0, y=4.0, length=8.0, width=4.0)
         env = CoverNavEnv(scenario=field(goal=(8.0, 0.0), cover=(wall,), observers=(WATCHER,)))

@@ -11,7 +11,7 @@ from maps import grid_map, percept
 
 from planner.frames import CoverEstimate
 from planner.sensed_exposure import STRIDE, sensed_exposure
-from planner.sensed_exposure_kernel import DARK, FIGURE, light_from
+from planner.sensed_exposure_kernel import DARK, FIGURE, free_above, light_from
 from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.pose import Pose
 from scenes.scenario import Observer, Patrol, Point
@@ -124,7 +124,7 @@ def test_the_grid_is_covered_to_its_last_cell() -> None:
     assert grid.shape[0] % STRIDE == 1
 
 
-def plain_light(ground, stops, low, high, opacity, heights, rows, cols, eye, resolution, own):
+def plain_light(ground, stops, low, high, free, opacity, heights, rows, cols, eye, resolution, own):
     light = np.ones((len(rows), len(heights)))
     for i, (row, col) in enumerate(zip(rows, cols, strict=True)):
         away = np.array([eye[1] - row, eye[0] - col])
@@ -157,9 +157,11 @@ def test_light_follows_its_plain_twin(seed: int) -> None:
     low = np.where(rng.random(shape) < 0.2, rng.choice([-np.inf, 0.8], shape), np.inf)
     high = np.where(np.isfinite(low) | (low < 0), rng.uniform(0.5, 2.5, shape), -np.inf)
     rows, cols = rng.integers(0, 14, 12), rng.integers(0, 17, 12)
+    opacity = rng.choice([1.0, 0.8, 0.35], shape)
+    eye = np.array([rng.uniform(-5, 22), rng.uniform(-5, 19), rng.uniform(0.8, 3.0)])
     arguments = (
-        ground, stops, low, high, rng.choice([1.0, 0.8, 0.35], shape), np.array([0.1, 0.25, 0.39]), rows,
-        cols, np.array([rng.uniform(-5, 22), rng.uniform(-5, 19), rng.uniform(0.8, 3.0)]), 0.2, 0.3,
+        ground, stops, low, high, free_above(stops, low, high), opacity, np.array([0.1, 0.25, 0.39]), rows,
+        cols, eye, 0.2, 0.3,
     )  # fmt: skip
     np.testing.assert_allclose(light_from(*arguments), plain_light(*arguments), atol=1e-6)
 
