@@ -13,7 +13,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from app import evaluate_command, train_command
 from app.output import write_json, write_text
@@ -86,8 +86,15 @@ _SEED = _whole(0, 2**63 - 1)
 _METRE = _number(-1e9, 1e9)
 
 
+class _Parser(argparse.ArgumentParser):
+    """Refuses in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="covernav", description="Plan hidden drives over rough ground.", allow_abbrev=False
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from app.output import write_json
+from app.output import check_target, write_json
 
 METHODS_HELP = "all, ablations, or names between commas; NAME@WEIGHTS drives with other weights"
 
@@ -58,6 +58,7 @@ def evaluate_methods(arguments: argparse.Namespace) -> None:
     if against not in methods:
         raise EvaluationRefusal(f"--against {against} is not among the methods; add it to --methods")
     wanted = _wanted(arguments, methods)
+    check_target(arguments.json, EvaluationRefusal)
     if arguments.out is None:
         missions, stopped = _drive(wanted, arguments, None)
         _report(arguments, missions, methods, against, stopped)
@@ -70,6 +71,7 @@ def evaluate_methods(arguments: argparse.Namespace) -> None:
         raise EvaluationRefusal(str(error)) from None
     try:
         with journal:
+            _check_kept(arguments.out, [journal.results[spec] for spec in wanted if spec in journal.results])
             missions, stopped = _drive(wanted, arguments, journal)
             if journal.full:
                 raise EvaluationRefusal(
@@ -108,6 +110,25 @@ def _methods(text: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
+def _check_kept(folder: Path, kept: Sequence[dict[str, Any]]) -> None:
+    """Refuse drives with other weights than there are now; say so where other code drove.
+
+    Raises EvaluationRefusal."""
+    from planner.fingerprint import code_digest
+    from planner.methods import make_method, policies_of
+
+    for name in dict.fromkeys(mission["method"] for mission in kept):
+        now = next(iter(policies_of(make_method(name))), None)
+        if any(mission.get("policy") != now for mission in kept if mission["method"] == name):
+            raise EvaluationRefusal(
+                f"{folder} holds drives of {name} with other weights than it has now; name another folder"
+            )
+    strange = sum(mission.get("code") != code_digest() for mission in kept)
+    if strange:
+        words = f"{strange} of the missions in {folder} were driven by other code than this"
+        print(f"covernav: {words}; another folder drives them anew", file=sys.stderr)
+
+
 def _wanted(arguments: argparse.Namespace, methods: Sequence[str]) -> list[Any]:
     from planner.evaluation import specs
     from planner.frames import Perception
@@ -115,7 +136,12 @@ def _wanted(arguments: argparse.Namespace, methods: Sequence[str]) -> list[Any]:
     from planner.suites import Knowledge, Suite
     from scenes.scenario import Family
 
-    terrains = list(Family) if arguments.terrains == "all" else arguments.terrains.split(",")
+    words = [word.strip() for word in arguments.terrains.split(",") if word.strip()]
+    terrains = list(Family) if words == ["all"] else words
+    if not terrains:
+        raise EvaluationRefusal(f"--terrains names none; choose from {', '.join(Family)}")
+    if arguments.seed + arguments.missions > 2**63:
+        raise EvaluationRefusal(f"the last mission's seed would be above {2**63 - 1}; lower --seed")
     for terrain in terrains:
         if terrain not in set(Family):
             raise EvaluationRefusal(f"there is no terrain {terrain!r}; choose one of {', '.join(Family)}")
@@ -217,7 +243,7 @@ def _document(missions: list[dict[str, Any]], pairs: tuple[Sequence[str], str] |
         methods, against = pairs
         others = [name for name in methods if name != against]
         document["paired"] = [row for name in others for row in paired(missions, name, against)]
-    return document | {"versions": versions()}
+    return document | {"versions": versions(missions)}
 
 
 def _report(
@@ -240,10 +266,10 @@ def _report(
     if missions and sum(reasons(missions).values()) == len(missions):
         raise EvaluationFailure("no mission could be driven; the reason stands above")
     document = _document(in_order(missions), (methods, against))
-    if arguments.json is not None:
-        plain = [{k: v for k, v in m.items() if k not in ("trajectory", "scene")} for m in in_order(missions)]
-        write_json(arguments.json, document | {"missions": plain}, EvaluationRefusal)
     if arguments.json != "-":
         print(markdown(document["rows"], document["bounds"]))
         if arguments.against is not None and document["paired"]:
             print("\n" + paired_markdown(document["paired"]))
+    if arguments.json is not None:
+        plain = [{k: v for k, v in m.items() if k not in ("trajectory", "scene")} for m in in_order(missions)]
+        write_json(arguments.json, document | {"missions": plain}, EvaluationRefusal)

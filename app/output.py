@@ -4,8 +4,23 @@ from __future__ import annotations
 
 import json
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
+
+
+def check_target(target: str | None, refusal: type[Exception]) -> None:
+    """Raises `refusal` where nothing can be written there, before hours have gone into what would be."""
+    if target is None or target == "-":
+        return
+    path = Path(target)
+    if path.is_dir():
+        raise refusal(f"{target} cannot be written: it is a folder")
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise refusal(f"{target} cannot be written: {folder}: {error.strerror or error}") from None
 
 
 def write_text(target: str, text: str, refusal: type[Exception]) -> None:

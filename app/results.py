@@ -143,9 +143,10 @@ class ResultsLibrary:
         head = {"id": self._id(path), "shipped": path == self._sample}
         try:
             found = self._load(path)
-        except ResultsError as error:
+        except (ResultsError, OSError) as error:  # such as a link to what is gone
+            words = str(error) if isinstance(error, ResultsError) else f"{path.name} cannot be read"
             nothing = {"title": path.stem, "missions": 0, "methods": [], "terrains": []}
-            return head | nothing | {"problem": str(error)}
+            return head | nothing | {"problem": words}
         terrains = list(dict.fromkeys(row["terrain"] for row in found.rows))
         return head | {
             "title": found.title, "missions": len(found.missions), "methods": found.methods,

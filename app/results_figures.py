@@ -62,6 +62,7 @@ def render(draw: Callable[[Theme], Figure], theme: Theme, kind: str) -> bytes:
         "xtick.color": inks.quiet, "ytick.color": inks.quiet, "axes.facecolor": inks.paper,
         "figure.facecolor": inks.paper, "savefig.facecolor": inks.paper, "grid.color": inks.line,
         "legend.frameon": False, "axes.spines.top": False, "axes.spines.right": False, "grid.linewidth": 0.6,
+        "text.parse_math": False,  # a name may hold what would be a formula
     }  # fmt: skip
     with _drawing, matplotlib.rc_context(settings), io.BytesIO() as buffer:
         metadata = {"Date": None} if kind == "svg" else {}

@@ -6,12 +6,11 @@ The file may come from anybody: it is opened to be read alone, and nothing in it
 from __future__ import annotations
 
 import json
-import math
 import os
 import sqlite3
 import tempfile
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any
 
 from app.changes import StudioError
 from planner.evaluation import MissionSpec
+from planner.evaluation_table import REFERENCE
 from planner.trajectory import Trajectory
 
 FORMAT = "covernav evaluation 1"
@@ -27,12 +27,13 @@ MOST_MISSIONS = 200_000
 MOST_BYTES = 2**20  # of one mission's figures, way or scene
 MOST_STEPS = 2000  # of SQLite's machine, in thousands, for one question
 MOST_SAMPLES = 100_000
+LARGEST = 1e12  # no figure of a drive is near it, and means of such are still numbers
 CONDITIONS = ("terrain", "method", "suite", "observers", "perception", "placement")
 FIGURES = (
     "trajectory_length_m", "straight_line_m", "execution_time_s", "exposure_fraction", "exposed_s",
     "longest_exposure_s", "detection_probability", "cover_fraction", "concealed_fraction",
-    "elevation_gradient_m", "max_roll_deg", "max_pitch_deg", "collisions", "planner_ms_p50", "planner_ms_p95",
-    "shortest_m", "shortest_s", "bound_m", "bound_s",
+    "elevation_gradient_m", "max_roll_deg", "max_pitch_deg", "collisions", "dynamic_violations",
+    "planner_ms_p50", "planner_ms_p95", *REFERENCE,
 )  # fmt: skip
 """What a mission's summary holds in numbers, each finite or null."""
 
@@ -53,12 +54,14 @@ class ResultsError(StudioError):
     """A file that is no evaluation, in one sentence."""
 
 
-def versions() -> dict[str, str]:
-    """Of what figures depend on."""
-    return {name: version(name) for name in ("covernav-studio", "numpy", "numba", "pybullet", "embreex")}
+def versions(missions: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Of what the figures of missions depend on; `code`: every code that drove them, as far as they say."""
+    names = ("covernav-studio", "numpy", "numba", "pybullet", "embreex")
+    codes = sorted({str(mission["code"]) for mission in missions if mission.get("code")})
+    return {name: version(name) for name in names} | {"code": codes}
 
 
-def write(path: Path, missions: Iterable[dict[str, Any]], title: str) -> None:
+def write(path: Path, missions: Sequence[dict[str, Any]], title: str) -> None:
     """Replace the file by one with these missions, whole or not at all. Raises OSError."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     os.close(handle)
@@ -75,8 +78,8 @@ def write(path: Path, missions: Iterable[dict[str, Any]], title: str) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def _fill(database: sqlite3.Connection, missions: Iterable[dict[str, Any]], title: str) -> None:
-    about = {"format": FORMAT, "title": title, "versions": json.dumps(versions())}
+def _fill(database: sqlite3.Connection, missions: Sequence[dict[str, Any]], title: str) -> None:
+    about = {"format": FORMAT, "title": title, "versions": json.dumps(versions(missions))}
     database.executemany("INSERT INTO about VALUES (?, ?)", about.items())
     scenes: dict[bytes, int] = {}
     for mission in missions:
@@ -135,15 +138,19 @@ class ResultsFile:
         try:
             MissionSpec.of(summary)
             texts = [summary[name] for name in (*CONDITIONS, "status") if name in summary]
-            numbers = [summary[name] for name in (*FIGURES, "goal_distance") if summary.get(name) is not None]
+            names = (*FIGURES, "goal_distance", "seed")
+            numbers = {name: summary[name] for name in names if summary.get(name) is not None}
             sound = all(isinstance(text, str) and len(text) < 300 for text in texts) and all(
-                type(number) in (int, float) and math.isfinite(number) for number in numbers
+                type(number) in (int, float) and (name == "seed" or abs(number) <= LARGEST)
+                for name, number in numbers.items()
             )
             if not (sound and isinstance(summary["success"], bool) and type(summary["seed"]) is int):
                 raise ValueError
+            if not 0 <= summary["seed"] < 2**63 or len(numbers.keys() & set(REFERENCE)) not in (0, 4):
+                raise ValueError
             if summary["success"] and summary.get("trajectory_length_m") is None:
                 raise ValueError
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, OverflowError):
             raise ResultsError(f"{self.path.name} holds a mission that is damaged") from None
         return summary
 
@@ -183,6 +190,10 @@ def _unpacked(data: Any) -> Any:
         text = unpacker.decompress(data, MOST_BYTES)
         if unpacker.unconsumed_tail:
             raise ValueError
-        return json.loads(text)
+        return json.loads(text, parse_constant=_no_number)
     except (TypeError, ValueError, RecursionError, zlib.error):
         raise ResultsError("a mission's data are damaged") from None
+
+
+def _no_number(word: str) -> Any:
+    raise ValueError(f"{word} is no number in JSON")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from app.results_store import FIGURES
-from planner.evaluation_table import GROUPED_BY, MEANS
+from planner.evaluation_table import GROUPED_BY, MEANS, REMOVED
 
 Row = dict[str, Any]
 
@@ -19,11 +19,18 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("exposed s", "exposed_s", ".1f"),
     ("longest s", "longest_exposure_s", ".1f"),
     ("detected %", "detection_probability", ".0%"),
-    ("avoidable removed %", "avoidable_removed", ".0%"),
+    ("avoidable removed %", REMOVED, ".0%"),
+    ("in cover %", "cover_fraction", ".0%"),
+    ("concealed %", "concealed_fraction", ".0%"),
+    ("climb and fall m", "elevation_gradient_m", ".2f"),
+    ("violations", "dynamic_violations", ".2f"),
     ("collided %", "collision_rate", ".0%"),
     ("timeout %", "timeout_rate", ".0%"),
+    ("planner ms", "planner_ms_p50", ".0f"),
 )
 """Heading, key of a row and format; a per cent sign is left to the heading."""
+
+WITH_INTERVAL = ("exposed_s", REMOVED)
 
 BOUND = {"trajectory_length_m": "bound_m", "exposed_s": "bound_s"}
 """What the bound's row has in the table's columns."""
@@ -39,8 +46,8 @@ def kind_words(row: Row) -> str:
 
 
 def markdown(rows: Sequence[Row], bounds: Sequence[Row]) -> str:
-    """A table for each kind of mission: the paper's figures in brackets, exposed seconds with their interval,
-    the bound's row beneath each terrain."""
+    """A table for each kind of mission: the paper's figures in brackets, exposed seconds and what was
+    removed of them with their intervals, the bound's row beneath each terrain."""
     parts = []
     for kind in dict.fromkeys(kind_words(row) for row in rows):
         mine = [row for row in rows if kind_words(row) == kind]
@@ -63,9 +70,9 @@ def _method_line(row: Row) -> str:
     cells = [row["terrain"], f"`{row['method']}`", str(row["missions"]), success]
     for _, key, style in COLUMNS:
         cell = shown(row[key], style)
-        interval = row["ci95"].get(key) if key == "exposed_s" else None
+        interval = row["ci95"].get(key) if key in WITH_INTERVAL else None
         if interval is not None:
-            cell += f" ({interval[0]:.1f}–{interval[1]:.1f})"
+            cell += f" ({shown(interval[0], style)}–{shown(interval[1], style)})"
         cells.append(cell + _in_the_paper(row, key))
     failures = ", ".join(f"{n} {reason}" for reason, n in row["failures"].items())
     return _line([*cells, failures or "none"])
@@ -146,7 +153,7 @@ def flat(row: Row) -> Row:
                 found[key] = "; ".join(f"{n} {reason}" for reason, n in value.items())
             case _:
                 found[key] = value
-        if key in MEANS:
+        if key in (*MEANS, REMOVED):
             low, high = row["ci95"].get(key) or (None, None)
             found |= {f"{key}_low": low, f"{key}_high": high, f"{key}_n": row["n"].get(key)}
     return found | {f"paper_{key}": (row["paper"] or {}).get(key) for key in PAPER_FORMATS}

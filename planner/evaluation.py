@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any, get_type_hints
 
+from planner.fingerprint import code_digest
 from planner.frames import Perception
 from planner.mission import Mission
 from planner.posting import Placement
@@ -46,7 +47,8 @@ class MissionSpec:
 
 def drive(spec: MissionSpec) -> dict[str, Any]:
     """Drive one mission: the summary as `run --json`, what it was, under `shortest_...` and `bound_...` what
-    the route engine makes of it (`planner.suites.Reference`), where it went, and how to make its scene."""
+    the route engine makes of it (`planner.suites.Reference`), which code drove (`planner.fingerprint`), where
+    it went, and how to make its scene."""
     warm_up()
     set_up = suite_mission(
         spec.suite, spec.terrain, spec.seed, spec.observers, spec.goal_distance, spec.placement
@@ -56,7 +58,7 @@ def drive(spec: MissionSpec) -> dict[str, Any]:
         log.add(mission.frame)
         for frame in mission.frames():
             log.add(frame)
-        found = asdict(spec) | mission.summary() | asdict(set_up.reference)
+        found = asdict(spec) | mission.summary() | asdict(set_up.reference) | {"code": code_digest()}
     scene = recipe(set_up.scenario, size_for(spec.goal_distance), spec.goal_distance)
     return found | {"trajectory": log.document(), "scene": scene}
 

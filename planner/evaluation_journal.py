@@ -15,6 +15,8 @@ NAME = "missions.jsonl"
 RESERVE = ".reserve"
 RESERVE_BYTES = 2**20
 FULL = (errno.ENOSPC, errno.EDQUOT)
+BEGINNING = b'{"terrain": '
+"""Of every line that we write."""
 
 
 class JournalError(ValueError):
@@ -43,8 +45,8 @@ class Journal:
         self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         try:
             self._lock()
-            self._cut_loose_end()
-            self.results = self._read()
+            self.results = {MissionSpec.of(result): result for result in read_results(self.path)}
+            self._mend_loose_end()
             self._set_aside()
         except BaseException:
             os.close(self._file)
@@ -93,14 +95,14 @@ class Journal:
         except BlockingIOError:
             raise JournalError(f"another evaluation is writing into {self.folder}; wait for it") from None
 
-    def _cut_loose_end(self) -> None:
+    def _mend_loose_end(self) -> None:
         """A line that was cut off in the middle goes: that mission is driven again."""
         text = self.path.read_bytes()
-        if text and not text.endswith(b"\n"):
-            os.ftruncate(self._file, text.rfind(b"\n") + 1)
-
-    def _read(self) -> dict[MissionSpec, dict[str, Any]]:
-        return {MissionSpec.of(result): result for result in read_results(self.path)}
+        begun = text.rfind(b"\n") + 1
+        if _result(text[begun:]) is not None:
+            self._append(b"\n")
+        else:
+            os.ftruncate(self._file, begun)
 
     def _set_aside(self) -> None:
         handle = os.open(self.folder / RESERVE, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
@@ -113,12 +115,25 @@ class Journal:
 
 def read_results(path: Path) -> list[dict[str, Any]]:
     """The journal's missions, the last word on each; those that ended in an error are left out, for they are
-    to be driven again. Raises JournalError, OSError."""
+    to be driven again. What a mission's line that was cut off at the end has left does not count.
+
+    Raises JournalError, OSError."""
     found: dict[MissionSpec, dict[str, Any]] = {}
-    for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
-        try:
-            result = json.loads(line)
-            found[MissionSpec.of(result)] = result | {"status": str(result["status"])}
-        except (ValueError, KeyError, TypeError):
-            raise JournalError(f"{path}, line {number}: not a finished mission; move the file away") from None
+    *whole, loose = path.read_bytes().split(b"\n")
+    for number, line in enumerate([*whole, loose], 1):
+        result = _result(line)
+        if result is not None:
+            found[MissionSpec.of(result)] = result
+        elif number <= len(whole) or not (line.startswith(BEGINNING) or BEGINNING.startswith(line)):
+            raise JournalError(f"{path}, line {number}: not a finished mission; move the file away")
     return [result for result in found.values() if result["status"] != ERROR]
+
+
+def _result(line: bytes) -> dict[str, Any] | None:
+    """What a line says, None where that is no mission."""
+    try:
+        result = json.loads(line)
+        MissionSpec.of(result)
+        return result | {"status": str(result["status"])}
+    except (ValueError, KeyError, TypeError):
+        return None

@@ -13,7 +13,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any, Protocol, cast
 
 from joblib import Parallel, delayed
@@ -23,6 +23,7 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 from planner import evaluation
 from planner.evaluation import MissionSpec, failed
 from planner.evaluation_journal import Journal
+from scenes.embree import use_threads
 
 ATTEMPTS = 2
 """How often a mission may take its worker with it, alone, before that is its result."""
@@ -69,7 +70,8 @@ class Local:
 
     def __init__(self, jobs: int, attempt: Callable[[MissionSpec], Result] | None = None) -> None:
         self._jobs = jobs
-        self._attempt = attempt or (attempt_here if jobs == 1 else attempt_apart)
+        threads = max(1, len(os.sched_getaffinity(0)) // jobs)
+        self._attempt = attempt or (attempt_here if jobs == 1 else partial(attempt_apart, threads=threads))
 
     def driven(self, missing: Sequence[MissionSpec], stop: threading.Event) -> Iterator[Result]:
         """See `Pool`; its processes end with it."""
@@ -127,14 +129,17 @@ def attempt_here(spec: MissionSpec) -> Result:
         return failed(spec, " ".join(f"{type(error).__name__}: {error}".split()))
 
 
-def attempt_apart(spec: MissionSpec) -> Result:
-    """As `attempt_here`, in a process that leaves Ctrl-C to its parent and ends with it."""
-    _settle()
+def attempt_apart(spec: MissionSpec, threads: int = 1) -> Result:
+    """As `attempt_here`, in a process that leaves Ctrl-C to its parent and ends with it.
+
+    threads : for rays"""
+    _settle(threads)
     return attempt_here(spec)
 
 
 @cache
-def _settle() -> None:
+def _settle(threads: int) -> None:
+    use_threads(threads)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from planner.evaluation import ERROR
-from planner.frames import Status
-from planner.intervals import student, wilson
+from planner.frames import Perception, Status
+from planner.intervals import ratio, student, wilson
 from planner.methods import COMPARED
 from planner.published import GOAL_DISTANCE_M, published
 from scenes.scenario import Family
@@ -27,18 +27,24 @@ GROUPED_BY: dict[str, Any] = {
 MEANS = (
     "trajectory_length_m", "length_ratio", "execution_time_s", "exposure_fraction", "exposed_s",
     "longest_exposure_s", "detection_probability", "cover_fraction", "concealed_fraction",
-    "elevation_gradient_m", "max_tilt_deg",
+    "elevation_gradient_m", "max_tilt_deg", "dynamic_violations",
 )  # fmt: skip
 """Columns that are means over the successes."""
 
 WORTH_AVOIDING = 0.5
+LIKE_THE_PAPERS = ("random", "covert")
+"""Suites whose missions are like those of the paper: nobody walks about."""
+
+REMOVED = "avoidable_removed"
+DRAWN_AGAIN = 2000  # times, for the interval of a ratio
 
 
 def tabulate(missions: Iterable[Result]) -> list[Result]:
     """One row for each group of missions alike in `GROUPED_BY`.
 
     Means are over the successes that have the figure; `n` says over how many, `ci95` is their interval by
-    Student's t. `paper` is what the paper reports for such drives, or None.
+    Student's t, that of `avoidable_removed` by bootstrap over the missions. `paper` is what the paper
+    reports for such drives, or None.
     """
     groups = grouped(missions, GROUPED_BY)
     return [_row(key, groups[key]) for key in sorted(groups, key=_order)]
@@ -99,38 +105,39 @@ def _row(key: tuple, missions: list[Result]) -> Result:
     count = len(missions)
     values = {name: [v for m in good if (v := measured(m, name)) is not None] for name in MEANS}
     head = dict(zip(GROUPED_BY, key, strict=True))
-    paper = published(head["terrain"], head["method"]) if head["goal_distance"] == GOAL_DISTANCE_M else None
+    alike = head["goal_distance"] == GOAL_DISTANCE_M and head["perception"] != Perception.ORACLE
+    paper = published(head["terrain"], head["method"]) if alike and head["suite"] in LIKE_THE_PAPERS else None
     means = {name: mean(numbers) for name, numbers in values.items()}
+    removed, spared, avoidable = avoidable_removed(good)
     return head | {
         "missions": count,
         "successes": len(good),
         "success_rate": len(good) / count,
         "success_ci95": list(wilson(len(good), count)),
         **{name: means[name] for name in MEANS[:7]},
-        "avoidable_removed": avoidable_removed(good),
+        REMOVED: removed,
         **{name: means[name] for name in MEANS[7:]},
         "collision_rate": statuses[Status.COLLIDED] / count,
         "timeout_rate": statuses[Status.TIMEOUT] / count,
         "failures": {status: n for status, n in sorted(statuses.items()) if status != Status.REACHED},
         "planner_ms_p50": mean(m["planner_ms_p50"] for m in missions if m.get("planner_ms_p50") is not None),
         "paper": None if paper is None else asdict(paper),
-        "n": {name: len(numbers) for name, numbers in values.items()},
-        "ci95": {name: _listed(student(numbers)) for name, numbers in values.items()},
+        "n": {name: len(numbers) for name, numbers in values.items()} | {REMOVED: len(spared)},
+        "ci95": {name: _listed(student(numbers)) for name, numbers in values.items()}
+        | {REMOVED: None if removed is None else _listed(ratio(spared, avoidable, DRAWN_AGAIN))},
     }
 
 
-def avoidable_removed(missions: Iterable[Result]) -> float | None:
+def avoidable_removed(missions: Iterable[Result]) -> tuple[float | None, list[float], list[float]]:
     """Share of the avoidable exposed seconds that the drives were spared, all missions' seconds together:
-    (shortest route's - driven) / (shortest route's - bound).
+    (shortest route's - driven) / (shortest route's - bound). With each mission's two differences.
 
     None where hardly anything could be avoided, less than `WORTH_AVOIDING` seconds a mission."""
-    count, spared, avoidable = 0, 0.0, 0.0
-    for mission in missions:
-        if mission.get("bound_s") is not None and mission.get("exposed_s") is not None:
-            spared += mission["shortest_s"] - mission["exposed_s"]
-            avoidable += mission["shortest_s"] - mission["bound_s"]
-            count += 1
-    return spared / avoidable if count and avoidable >= WORTH_AVOIDING * count else None
+    known = [m for m in missions if m.get("bound_s") is not None and m.get("exposed_s") is not None]
+    spared = [mission["shortest_s"] - mission["exposed_s"] for mission in known]
+    avoidable = [mission["shortest_s"] - mission["bound_s"] for mission in known]
+    enough = known and sum(avoidable) >= WORTH_AVOIDING * len(known)
+    return sum(spared) / sum(avoidable) if enough else None, spared, avoidable
 
 
 def reasons(missions: Iterable[Result]) -> Counter[str]:

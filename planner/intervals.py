@@ -1,4 +1,4 @@
-"""95 % intervals of what an evaluation measures: rates, means, and paired differences of rates."""
+"""95 % intervals of what an evaluation measures: rates, means, ratios, and paired differences of rates."""
 
 from __future__ import annotations
 
@@ -30,6 +30,20 @@ def student(values: Sequence[float]) -> tuple[float, float] | None:
     middle = float(np.mean(values))
     half = float(stdtrit(count - 1, 0.975)) * float(np.std(values, ddof=1)) / math.sqrt(count)
     return middle - half, middle + half
+
+
+def ratio(above: Sequence[float], below: Sequence[float], draws: int) -> tuple[float, float] | None:
+    """Interval of sum(above) / sum(below) over the same cases, by the percentiles of so many bootstrap draws
+    (Efron 1979), always the same ones; None for fewer than two cases, or where draws have nothing below."""
+    cases = np.column_stack([above, below]).astype(float)
+    if len(cases) < 2:
+        return None
+    picked = np.random.default_rng(0).integers(len(cases), size=(draws, len(cases)))
+    sums = cases[picked].sum(axis=1)
+    if (sums[:, 1] <= 0.0).any():
+        return None
+    low, high = np.percentile(sums[:, 0] / sums[:, 1], [2.5, 97.5])
+    return float(low), float(high)
 
 
 def paired_rates(both: int, first: int, second: int, neither: int) -> tuple[float, float]:

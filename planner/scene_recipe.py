@@ -44,7 +44,7 @@ def rebuilt(made: dict[str, Any]) -> Scenario:
             obstacles=tuple(MovingObstacle.model_validate(obstacle) for obstacle in made["obstacles"]),
         )
         wanted = made["land"]
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         reason = " ".join(str(error).split())
         raise ScenarioError(f"the scene's recipe cannot be followed: {reason}") from None
     if _land(scenario) != wanted:

@@ -11,6 +11,7 @@ import numpy as np
 from planner.frames import Frame
 
 PERIOD_S = 0.5
+FARTHEST = 1e9  # of any number in a document
 
 
 class TrajectoryLog:
@@ -72,8 +73,12 @@ class Trajectory:
             count, period, end_s = len(columns[0]), float(document["period_s"]), float(document["end_s"])
             if count == 0 or any(column.shape != (count,) for column in columns):
                 raise ValueError
-        except (KeyError, TypeError, ValueError):
-            raise ValueError("not a trajectory: columns are missing or differ in length") from None
+            if any(not np.all(np.abs(numbers) <= FARTHEST) for numbers in (*columns, period, end_s)):
+                raise ValueError
+        except (KeyError, TypeError, ValueError, OverflowError):
+            raise ValueError(
+                "not a trajectory: columns are missing, differ in length or hold what is no number"
+            ) from None
         time_s = np.minimum(period * np.arange(count), end_s)
         x, y, yaw, seen = columns
         return cls(time_s, 0.01 * x, 0.01 * y, np.unwrap(np.radians(yaw)), 0.01 * seen)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
-import numba
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
@@ -20,8 +19,7 @@ Part = tuple[np.ndarray, np.ndarray]
 ANSWERS = ("tfar", "geomID", "primID", "Ng")
 RAYS_WORTH_A_THREAD = 4096
 PIECES = 4  # for each thread
-_CORES = min(len(os.sched_getaffinity(0)), numba.config.NUMBA_NUM_THREADS)
-"""As many as compiled code may have: joblib tells each of its workers its share so."""
+_threads = len(os.sched_getaffinity(0))
 
 # One device for all scenes of the process: each keeps its own threads otherwise.
 _DEVICE = EmbreeDevice()
@@ -40,15 +38,22 @@ def build_tree(parts: Sequence[Part], robust: bool = False) -> EmbreeScene:
     return scene
 
 
+def use_threads(count: int) -> None:
+    """Share rays out among so many threads from now on, at most the cores. One, beside busy processes."""
+    global _threads
+    _threads = max(1, min(count, len(os.sched_getaffinity(0))))
+    _pool.cache_clear()
+
+
 def first_hits(
     tree: EmbreeScene, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Embree's answer for the first hit of each ray: `tfar`, `geomID`, `primID`, `Ng`.
 
     origins, directions : (n, 3) float32; reach : (n,) float32
-    Many rays are shared out among the cores; that changes no answer.
+    Many rays are shared out among threads; that changes no answer.
     """
-    shares = min(_CORES, len(directions) // RAYS_WORTH_A_THREAD)
+    shares = min(_threads, len(directions) // RAYS_WORTH_A_THREAD)
     if shares < 2:
         return tree.run(origins, directions, dists=reach, output=1)
     # In pieces, for the sky is soon found empty and the ground below is not: who is done takes another.
@@ -73,7 +78,7 @@ def first_hits(
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max(_CORES - 1, 1), "rays")  # one core is the asker's own
+    return ThreadPoolExecutor(max(_threads - 1, 1), "rays")  # one core is the asker's own
 
 
 os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not live on in a forked process

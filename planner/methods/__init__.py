@@ -68,6 +68,13 @@ class Learned(Protocol):
     policy: Weights
 
 
+def policies_of(method: Method) -> list[dict[str, str]]:
+    """Name and SHA-256 of the weights that a method drives with: its own first, then its motion control's."""
+    motion = method.driver.motion if isinstance(method, Driving) else None
+    learned = [each.policy for each in (method, motion) if isinstance(each, Learned)]
+    return [{"name": weights.name, "sha256": weights.sha256} for weights in learned]
+
+
 @dataclass(frozen=True)
 class MethodEntry:
     """How a method is made from a seed, and what it is in one sentence."""

@@ -7,6 +7,8 @@ const $ = (id) => document.getElementById(id);
 let shown = null; // the evaluation's overview
 let drives = []; // of the chosen kind of missions
 let chosen = null; // the mission on the map
+let wantedPairs = ""; // what was asked for last; late answers to what was asked before are dropped
+let wantedMissions = "";
 
 async function ask(path, options) {
   const answer = await fetch(path, options);
@@ -46,7 +48,14 @@ async function list(wanted) {
 }
 
 async function open() {
-  shown = await ask(`/api/results/${encodeURIComponent($("evaluation").value)}`);
+  const wanted = $("evaluation").value;
+  const found = await ask(`/api/results/${encodeURIComponent(wanted)}`).catch((error) => {
+    if ($("evaluation").value === wanted) $("content").hidden = true; // nothing of the former stays under its name
+    throw error;
+  });
+  if ($("evaluation").value !== wanted) return; // another was chosen meanwhile
+  $("content").hidden = false;
+  shown = found;
   offer($("kind"), shown.kinds.map((each) => [each.number, `${each.words} (${each.missions})`]));
   const names = shown.methods.map((method) => [method.name, method.name]);
   offer($("method"), names, "covernav");
@@ -75,13 +84,19 @@ function showFigure(name) {
 
 async function pairs() {
   const query = new URLSearchParams({ method: $("method").value, against: $("against").value });
-  const of = shown.kinds[kind()];
+  const [asked, of] = [`${shown.id} ${kind()} ${query}`, shown.kinds[kind()]];
+  wantedPairs = asked;
   const rows = await ask(here(`/paired?${query}`));
+  if (wantedPairs !== asked) return;
   showPaired($("paired"), rows.filter((row) => ["suite", "observers", "placement", "perception", "goal_distance"].every((key) => row[key] === of[key])));
 }
 
 async function missions() {
-  drives = await ask(here(`/missions?kind=${kind()}`));
+  const asked = here(`/missions?kind=${kind()}`);
+  wantedMissions = asked;
+  const found = await ask(asked);
+  if (wantedMissions !== asked) return;
+  drives = found;
   const terrains = [...new Set(shown.rows.map((row) => row.terrain))].filter((name) => drives.some((drive) => drive.terrain === name));
   offer($("terrain"), terrains.map((name) => [name, name.replaceAll("_", "-")]), $("terrain").value);
   await showDrives();
@@ -123,8 +138,9 @@ async function show(mission) {
   for (const row of $("drives").querySelectorAll("tbody tr")) {
     row.setAttribute("aria-selected", String(Number(row.dataset.mission) === mission));
   }
-  const scene = await ask(here(`/scenes/${mission}`));
-  if (chosen !== mission) return; // another was chosen meanwhile
+  const asked = here(`/scenes/${mission}`);
+  const scene = await ask(asked);
+  if (chosen !== mission || asked !== here(`/scenes/${mission}`)) return; // another was chosen meanwhile
   $("scene-name").textContent = scene.name;
   drawScene($("map"), $("ways"), scene, here(`/scenes/${mission}/map.jpg`), shown.methods);
   const options = scene.drives.map((drive) => [drive.id, drive.method]);

@@ -11,11 +11,12 @@ const COLUMNS = [
   ["in cover, %", "cover_fraction", 0, 100],
   ["concealed, %", "concealed_fraction", 0, 100],
   ["climb and fall, m", "elevation_gradient_m", 2, 1],
+  ["violations", "dynamic_violations", 2, 1],
   ["collided, %", "collision_rate", 0, 100],
   ["timeout, %", "timeout_rate", 0, 100],
   ["planner, ms", "planner_ms_p50", 0, 1],
 ];
-const WITH_INTERVAL = new Set(["exposed_s", "execution_time_s"]);
+const WITH_INTERVAL = new Set(["exposed_s", "execution_time_s", "avoidable_removed"]);
 const BOUND = { trajectory_length_m: "bound_m", exposed_s: "bound_s" };
 
 export function cell(tag, text, kind = "") {
@@ -63,7 +64,7 @@ function methodRow(row, first, methods) {
   for (const [, key, digits, scale] of COLUMNS) {
     const made = cell("td", number(row[key], digits, scale));
     const interval = WITH_INTERVAL.has(key) ? row.ci95[key] : null;
-    if (interval) aside(made, `(${number(interval[0], digits)}–${number(interval[1], digits)})`, "interval");
+    if (interval) aside(made, `(${number(interval[0], digits, scale)}–${number(interval[1], digits, scale)})`, "interval");
     if (row.n[key] !== undefined) made.title = `over ${row.n[key]} drives`;
     paper(made, row, key, 1);
     line.append(made);
@@ -81,7 +82,7 @@ function boundRow(bound) {
   const line = document.createElement("tr");
   line.className = "bound";
   const name = cell("td", "least exposed route", "text");
-  name.title = "of at most twice the shortest's length, as the route engine plans it; nobody drove it";
+  name.title = "of at most twice the shortest's length, as the route engine reckons it; a drive may come out below";
   line.append(cell("td", "", "text"), name, cell("td", String(bound.missions)), cell("td", ""));
   for (const [, key, digits] of COLUMNS) line.append(cell("td", BOUND[key] ? number(bound[BOUND[key]], digits) : ""));
   line.append(cell("td", "", "text"));

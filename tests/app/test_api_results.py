@@ -108,6 +108,28 @@ def test_names_from_a_file_are_text_in_the_report(client, studio):
     assert "<script" not in report and "<img" not in report and "&lt;script&gt;" in report
 
 
+def test_names_that_look_like_formulas_are_drawn_as_they_are(client, studio):
+    odd = [drive(seed, r"a$\foo$") for seed in range(2)]
+    results_file(studio.store.workspace / "results" / "odd.sqlite", odd)
+    for path in ("figures/success-exposure.svg", "figures/distributions.svg", "report.html"):
+        assert client.get(f"/api/results/odd/{path}").status_code == 200, path
+
+
+def test_a_link_to_what_is_gone_is_told_and_hides_nothing_else(client, studio):
+    (studio.store.workspace / "results" / "gone.sqlite").symlink_to("/nowhere/results.sqlite")
+    found = {entry["id"]: entry for entry in client.get("/api/results").json()}
+    assert "cannot be read" in found["gone"]["problem"] and found["two-methods"]["problem"] is None
+    assert client.get("/api/results/gone").status_code == 404
+
+
+@pytest.mark.parametrize("change", [{"size_m": 10**400}, {"family": "moon"}, {"observers": 7}])
+def test_a_recipe_that_cannot_be_followed_is_told(client, studio, change):
+    changed = [mission | {"scene": mission["scene"] | change} for mission in drives(1)]
+    results_file(studio.store.workspace / "results" / "strange.sqlite", changed)
+    answer = client.get("/api/results/strange/scenes/1")
+    assert answer.status_code == 422 and answer.json()["detail"]
+
+
 def test_a_file_is_taken_in_and_thrown_away(client, tmp_path):
     data = results_file(tmp_path / "mine.sqlite", title="Überblick, mein Lauf").read_bytes()
     added = client.post("/api/results", content=data, headers=SQLITE)

@@ -2,6 +2,10 @@
 
 import importlib
 import json
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 from evaluations import drive
@@ -31,6 +35,10 @@ def undriven(monkeypatch):
         (["--methods", "dwa@whatever"], "takes no weights"),
         (["--methods", "covernav_paper@nowhere.safetensors"], "nowhere.safetensors"),
         (["--terrains", "normal,moon"], "no terrain 'moon'"),
+        (["--terrains", " , "], "--terrains names none"),
+        (["--seed", str(2**63 - 1), "--missions", "2"], "lower --seed"),
+        (["--json", "/proc/nowhere/table.json"], "/proc/nowhere/table.json cannot be written"),
+        (["--json", "/tmp"], "it is a folder"),
         (["--methods", "dwa", "--against", "covernav"], "add it to --methods"),
         (["--methods", "dwa", "--cluster", "auto"], "covernav-studio[cluster]"),
     ],
@@ -88,3 +96,60 @@ def test_groups_of_methods(monkeypatch):
     assert evaluate_command._methods("ablations") == ["covernav", "covernav[no_cover]"]
     assert evaluate_command._methods("dwa,ablations,dwa") == ["dwa", "covernav", "covernav[no_cover]"]
     assert set(evaluate_command._methods("all")) == {name for name in methods.COMPARED if name in METHODS}
+
+
+def test_terrains_may_be_named_with_blanks_between(capsys, undriven):
+    options = ["--methods", "dwa", "--terrains", "normal, forest,", "--missions", "1", "--jobs", "1"]
+    assert main(["evaluate", *options, "--json", "-"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["missions"]) == 2
+
+
+def test_the_same_command_goes_on_and_says_which_code_drove(capsys, tmp_path, undriven):
+    out = tmp_path / "lanes"
+    assert main([*QUICK, "--out", str(out)]) == 0
+    first = capsys.readouterr()
+    assert main([*QUICK, "--out", str(out)]) == 0
+    again = capsys.readouterr()
+    assert again.out == first.out
+    assert "4 of the missions" in again.err and "other code" in again.err, "these drives do not say"
+
+
+def test_drives_with_other_weights_are_not_mixed_in(capsys, tmp_path, undriven):
+    wanted = ["evaluate", "--methods", "terp", "--terrains", "normal", "--missions", "1", "--jobs", "1"]
+    assert main([*wanted, "--out", str(tmp_path / "lanes")]) == 0
+    capsys.readouterr()
+    assert main([*wanted, "--out", str(tmp_path / "lanes")]) == 2
+    assert "drives of terp with other weights" in capsys.readouterr().err
+
+
+REAL = [
+    "evaluate", "--methods", "dwa", "--terrains", "normal", "--perception", "oracle", "--goal-distance", "4",
+]  # fmt: skip
+
+
+def test_one_process_and_two_make_the_same_table_of_real_drives(tmp_path):
+    tables = []
+    for jobs in ("1", "2"):
+        out = tmp_path / jobs
+        assert main([*REAL, "--missions", "3", "--jobs", jobs, "--out", str(out)]) == 0
+        table = json.loads((out / "table.json").read_text())
+        for row in table["rows"]:
+            del row["planner_ms_p50"]
+        tables.append(json.dumps(table))
+    assert tables[0] == tables[1]
+
+
+def test_interrupted_it_finishes_what_is_under_way_and_the_same_command_goes_on(tmp_path):
+    out = tmp_path / "lanes"
+    command = [sys.executable, "-m", "app.cli", *REAL, "--missions", "6", "--jobs", "1", "--out", str(out)]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    journal = out / "missions.jsonl"
+    while running.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n")):
+        time.sleep(0.02)
+    running.send_signal(signal.SIGINT)
+    _, words = running.communicate()
+    assert running.returncode == 130 and "finishing the missions under way" in words
+    kept = journal.read_bytes()
+    assert 1 <= kept.count(b"\n") < 6 and kept.endswith(b"\n")
+    assert main([*REAL, "--missions", "6", "--jobs", "1", "--out", str(out)]) == 0
+    assert journal.read_bytes().startswith(kept) and journal.read_bytes().count(b"\n") == 6

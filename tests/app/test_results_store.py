@@ -91,6 +91,7 @@ def packed(text):
         packed('{"terrain": "moon"}'),
         packed("[" * 100_000),
         zlib.compress(bytes(4 * 2**20)),
+        packed('{"terrain": "normal", "seed": NaN}'),
     ],
 )
 def test_a_damaged_mission_is_refused(path, summary):
@@ -100,7 +101,20 @@ def test_a_damaged_mission_is_refused(path, summary):
 
 
 @pytest.mark.parametrize(
-    "fields", [{"exposed_s": "much"}, {"success": 1}, {"status": 7}, {"method": "x" * 999}, {"seed": 1.5}]
+    "fields",
+    [
+        {"exposed_s": "much"},
+        {"exposed_s": 1.7e308},
+        {"execution_time_s": 10**400},
+        {"shortest_s": None},
+        {"bound_m": None},
+        {"success": 1},
+        {"status": 7},
+        {"method": "x" * 999},
+        {"seed": 1.5},
+        {"seed": -1},
+        {"goal_distance": 10**400},
+    ],
 )
 def test_figures_that_are_none_are_refused(tmp_path, fields):
     path = results_file(tmp_path / "a.sqlite", [drive(0, "dwa") | fields] if "method" not in fields else None)
@@ -110,7 +124,15 @@ def test_figures_that_are_none_are_refused(tmp_path, fields):
         ResultsFile(path).missions()
 
 
-def test_a_way_that_is_none_is_refused(path):
-    changed(path, "UPDATE missions SET trajectory = ? WHERE id = 1", packed('{"x_cm": [1]}'))
+@pytest.mark.parametrize(
+    "way",
+    [
+        '{"x_cm": [1]}',
+        '{"period_s": 0.5, "end_s": 0.0, "x_cm": [1e999], "y_cm": [0], "yaw_deg": [0], "seen_pct": [0]}',
+        '{"period_s": 1e999, "end_s": 0.5, "x_cm": [1], "y_cm": [0], "yaw_deg": [0], "seen_pct": [0]}',
+    ],
+)
+def test_a_way_that_is_none_is_refused(path, way):
+    changed(path, "UPDATE missions SET trajectory = ? WHERE id = 1", packed(way))
     with pytest.raises(ResultsError, match="mission 1"):
         ResultsFile(path).trajectory(1)

@@ -105,3 +105,22 @@ def test_nothing_but_the_journal_stays_behind(tmp_path):
     with Journal(tmp_path) as journal:
         journal.add(mission(1))
     assert [entry.name for entry in tmp_path.iterdir()] == ["missions.jsonl"]
+
+
+def test_a_last_line_that_lacks_but_its_end_is_kept(tmp_path):
+    with Journal(tmp_path) as journal:
+        journal.add(mission(1))
+        journal.add(mission(2))
+    path = tmp_path / "missions.jsonl"
+    path.write_bytes(path.read_bytes().rstrip(b"\n"))
+    with Journal(tmp_path) as journal:
+        journal.add(mission(3))
+    assert [json.loads(line)["seed"] for line in lines(tmp_path)] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("content", [b"my own notes", b'{"mine": 1', b"\xff\xfe\n", b'{"mine": 1}', b"\x00"])
+def test_a_foreign_file_without_an_end_of_line_is_left_alone(tmp_path, content):
+    (tmp_path / "missions.jsonl").write_bytes(content)
+    with pytest.raises(JournalError, match="line 1"):
+        Journal(tmp_path)
+    assert (tmp_path / "missions.jsonl").read_bytes() == content

@@ -70,6 +70,13 @@ def test_the_papers_figures_stand_beside_drives_like_its_own():
     assert far["paper"] is None and baseline["paper"] is None
 
 
+@pytest.mark.parametrize("fields", [{"suite": "crossing"}, {"perception": "oracle"}])
+def test_the_papers_figures_do_not_stand_beside_other_drives(fields):
+    (plain,) = tabulate([mission(0, method="covernav")])
+    (other,) = tabulate([mission(0, method="covernav", **fields)])
+    assert plain["paper"] is not None and other["paper"] is None
+
+
 def test_avoidable_seconds_are_those_of_all_missions_together():
     seen = [
         mission(0, exposed_s=4.0, shortest_s=10.0, bound_s=2.0),
@@ -79,8 +86,20 @@ def test_avoidable_seconds_are_those_of_all_missions_together():
     ]
     (row,) = tabulate(seen)
     assert row["avoidable_removed"] == pytest.approx((6.0 + 1.0) / (8.0 + 2.0))
+    assert row["n"]["avoidable_removed"] == 2
     (nothing,) = tabulate([mission(0, exposed_s=1.0, shortest_s=1.0, bound_s=1.0)])
-    assert nothing["avoidable_removed"] is None
+    assert nothing["avoidable_removed"] is None and nothing["ci95"]["avoidable_removed"] is None
+
+
+def test_the_share_removed_says_how_sure_it_is():
+    alike = [mission(seed, exposed_s=4.0, shortest_s=10.0, bound_s=2.0) for seed in range(8)]
+    seen = {"shortest_s": 10.0, "bound_s": 2.0}
+    unlike = [mission(seed, exposed_s=2.0 + 8.0 * (seed % 2), **seen) for seed in range(8)]
+    (sure,), (unsure,), (again,) = tabulate(alike), tabulate(unlike), tabulate(reversed(unlike))
+    assert sure["ci95"]["avoidable_removed"] == pytest.approx([0.75, 0.75])
+    low, high = unsure["ci95"]["avoidable_removed"]
+    assert 0.0 <= low < 0.25 and 0.75 < high <= 1.0
+    assert again["ci95"]["avoidable_removed"] == [low, high]
 
 
 def test_the_bound_counts_each_mission_once_whoever_drove_it():

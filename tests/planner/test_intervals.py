@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planner.intervals import paired_rates, square_and_add, student, wilson
+from planner.intervals import paired_rates, ratio, square_and_add, student, wilson
 
 
 def test_wilson_matches_published_values():
@@ -65,3 +65,12 @@ def test_student_covers_the_mean_as_often_as_it_says():
         low, high = student(list(rng.normal(7.0, 2.0, 8)))
         hits += low <= 7.0 <= high
     assert 930 <= hits <= 970
+
+
+def test_a_ratio_of_sums_is_surer_the_more_alike_its_cases_are():
+    assert ratio([2.0, 4.0], [4.0, 8.0], 500) == pytest.approx((0.5, 0.5))
+    low, high = ratio([0.0, 4.0] * 20, [4.0] * 40, 2000)
+    assert low == pytest.approx(0.5 - 1.96 * 0.5 / 40**0.5, abs=0.03)
+    assert high == pytest.approx(0.5 + 1.96 * 0.5 / 40**0.5, abs=0.03)
+    assert ratio([1.0], [2.0], 500) is None
+    assert ratio([1.0, 1.0], [0.0, 2.0], 500) is None, "some draws have nothing to divide by"
