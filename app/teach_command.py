@@ -26,7 +26,24 @@ def add_arguments(train: argparse.ArgumentParser, whole: Callable[[int, int], An
 
 
 def teach(arguments: argparse.Namespace) -> None:
-    """Collect and learn; a folder that holds scenes already is gone on with. Raises OSError."""
+    """Collect and learn; a folder that holds scenes already is gone on with.
+
+    Raises TrainingRefusal for a folder that cannot be, TrainingError where it cannot be written."""
+    from planner.learning_errors import TrainingError, TrainingRefusal
+
+    folder = arguments.out or Path(f"training-{arguments.learner}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TrainingRefusal(f"{folder} cannot be written: {error.strerror or error}") from None
+    try:
+        _teach(arguments, folder)
+    except OSError as error:
+        words = f"{folder} cannot be written: {error.strerror or error}"
+        raise TrainingError(f"{words}; what was finished is kept") from None
+
+
+def _teach(arguments: argparse.Namespace, folder: Path) -> None:
     import torch
     from tqdm import tqdm
 
@@ -35,7 +52,6 @@ def teach(arguments: argparse.Namespace) -> None:
         from planner import stopping_lessons as lessons
     else:
         from planner import exposure_lessons as lessons
-    folder = arguments.out or Path(f"training-{arguments.learner}")
     asked = {name: getattr(arguments, name) for name in ("scenes", "held_out", "seed", "epochs")}
     course = replace(lessons.USUAL, **{name: value for name, value in asked.items() if value is not None})
     seeds = [seed for group in course.seeds for seed in group]

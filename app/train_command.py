@@ -13,6 +13,9 @@ from app import ga_nav_command, motion_command
 from app.output import write_json
 from app.teach_command import add_arguments, teach
 
+REWARDS = (
+    "corrected", "paper", "paper[abstract]", "paper[table]", "paper[height]", "paper[surface]", "terp",
+)  # fmt: skip
 TERRAINS = ("all", "normal", "low", "low_high", "forest")
 
 
@@ -25,9 +28,7 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
         "--steps", type=whole(1, 10_000), help="of an episode at most; 100 where it is left out"
     )
     train.add_argument("--seed", type=seed)
-    train.add_argument(
-        "--reward", choices=["paper", "corrected", "terp"], help="the learner's own where it is left out"
-    )
+    train.add_argument("--reward", choices=REWARDS, help="the learner's own where it is left out")
     train.add_argument("--terrain", choices=TERRAINS, help="all, in turn, where it is left out")
     train.add_argument("--dynamics", choices=["kinematic", "physics"], help="kinematic where it is left out")
     train.add_argument("--critic-rate", choices=["1e-4", "1e-3"], help="the paper's or TERP's learning rate")
@@ -39,7 +40,7 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
     where.add_argument("--resume", type=Path, metavar="DIR", help="go on with the training in it")
     where.add_argument("--curves", type=Path, nargs="+", metavar="DIR", help="summarise trainings by seeds")
     where.add_argument("--validate", type=Path, nargs="+", metavar="DIR", help="compare trainings' policies")
-    train.add_argument("--missions", type=whole(1, 1000), default=10, help="of each terrain, of --validate")
+    train.add_argument("--missions", type=whole(1, 1000), help="of each terrain, of --validate; 10 usually")
     train.add_argument("--json", metavar="FILE|-", help="of --curves and --validate")
     train.add_argument("--figure", type=Path, metavar="FILE", help="of --curves, .png or .svg")
     add_arguments(train, whole)
@@ -53,8 +54,7 @@ def train_policy(arguments: argparse.Namespace) -> None:
     where it cannot go on."""
     from planner.learning_errors import TrainingRefusal
 
-    if arguments.figure is not None and arguments.curves is None:
-        raise TrainingRefusal("--figure draws learning curves; name the trainings with --curves")
+    _refuse_what_would_be_ignored(arguments)
     if arguments.learner in ("stopping", "exposure"):
         teach(arguments)
         return
@@ -73,7 +73,7 @@ def train_policy(arguments: argparse.Namespace) -> None:
         write_json(arguments.json or "-", curves, TrainingRefusal)
         return
     if arguments.validate is not None:
-        found = _validate(arguments.validate, arguments.missions)
+        found = _validate(arguments.validate, arguments.missions or 10)
         write_json(arguments.json or "-", found, TrainingRefusal)
         return
     from tqdm import tqdm
@@ -93,6 +93,29 @@ def train_policy(arguments: argparse.Namespace) -> None:
             elif isinstance(event, Stopped):
                 done = f"{event.episodes} of {total} episodes"
     print(f"{done} in {folder}; the policy is {folder / 'policy.safetensors'}")
+
+
+def _refuse_what_would_be_ignored(arguments: argparse.Namespace) -> None:
+    """Raises TrainingRefusal for options that do not go together."""
+    from planner.learning_errors import TrainingRefusal
+
+    given = {name for name, value in vars(arguments).items() if value not in (None, False)}
+    if arguments.learner != "paper":
+        for name, does in (("resume", "goes on with"), ("curves", "is about"), ("validate", "is about")):
+            if name in given:
+                learner = f"--learner {arguments.learner}"
+                raise TrainingRefusal(f"--{name} {does} a folder's own training; leave {learner} out")
+    if "figure" in given and "curves" not in given:
+        raise TrainingRefusal("--figure draws learning curves; name the trainings with --curves")
+    if "json" in given and not given & {"curves", "validate"}:
+        raise TrainingRefusal("--json is what --curves and --validate write; a training leaves its own files")
+    if "missions" in given and "validate" not in given:
+        raise TrainingRefusal("--missions is how many --validate drives; name the trainings with it")
+    if "curriculum" in given:
+        if arguments.learner != "paper":
+            raise TrainingRefusal(f"--curriculum is not for --learner {arguments.learner}; leave one out")
+        for name in sorted(given & {"terrain", "steps"}):
+            raise TrainingRefusal(f"--curriculum has a {name} for each stage; leave --{name} out")
 
 
 def _draw(path: Path, curves: dict[str, Any]) -> None:

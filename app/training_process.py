@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 NICENESS = 10
 POSES_PERIOD_S, SIGHT_PERIOD_S = 0.1, 0.5
 DECISION_S = 0.25
-NEAREST_GOAL = 3.0
 
 
 class Order(StrEnum):
@@ -145,33 +144,18 @@ def _keep_first_policy(trainer: Trainer) -> None:
 def training_settings(plan: TrainingPlan, document: str | None) -> TrainingSettings:
     """The plan in the trainer's words."""
     from planner.curriculum import STAGES
+    from planner.episode import reset_options, task_like
     from planner.training import TrainingSettings
 
     options: dict[str, Any] = {"reward": plan.reward.value, "dynamics": plan.dynamics.value}
     if plan.task is Task.CURRICULUM or document is None:
         steps = plan.steps or max(stage.steps for stage in STAGES)
-        return TrainingSettings(plan.episodes, steps, plan.seed, options=options)
-    return TrainingSettings(
-        plan.episodes,
-        plan.steps or 100,
-        plan.seed,
-        ENVIRONMENT,
-        options | {"document": document},
-        (_other_drives(Scenario.model_validate_json(document)),) if plan.task is Task.GROUND else (),
-    )
-
-
-def _other_drives(scenario: Scenario) -> dict[str, Any]:
-    """Reset options for drives as far, and as watched, as the scenario's own."""
-    start, goal = scenario.start, scenario.goal
-    distance = ((start.x - goal.x) ** 2 + (start.y - goal.y) ** 2) ** 0.5
-    return {
-        "goal_distance": round(max(distance, NEAREST_GOAL), 1),
-        "observers": min(len(scenario.observers), 20),
-        "patrols": any(observer.patrol is not None for observer in scenario.observers),
-        "known": all(observer.known for observer in scenario.observers),
-        "obstacles": min(len(scenario.obstacles), 20),
-    }
+        return TrainingSettings(plan.episodes, steps, plan.seed, options=options, curriculum=True)
+    resets = ()
+    if plan.task is Task.GROUND:
+        resets = (reset_options(task_like(Scenario.model_validate_json(document))),)
+    options |= {"document": document}
+    return TrainingSettings(plan.episodes, plan.steps or 100, plan.seed, ENVIRONMENT, options, resets)
 
 
 def _run(trainer: Trainer, pipe: connection.Connection) -> bool:

@@ -29,7 +29,7 @@ from app.training_records import Training, TrainingRecords, logged_episodes
 from app.training_sight import Sight
 from app.training_trial import Driver, Trial, adopt_policy, drive
 from app.workers import how_it_ended
-from planner.episode import check_reachable
+from planner.episode import check_ground, check_reachable
 from planner.learning_errors import PolicyError
 
 log = logging.getLogger(__name__)
@@ -113,8 +113,8 @@ class TrainingService:
             about, document = "", None
             if plan.task is not Task.CURRICULUM:
                 scenario = self._studio.scenario
-                if plan.task is Task.MISSION:
-                    await asyncio.to_thread(check_reachable, scenario)
+                check = check_reachable if plan.task is Task.MISSION else check_ground
+                await asyncio.to_thread(check, scenario)
                 about, document = scenario.name, await asyncio.to_thread(scenario.to_json)
             training = await self._written(self._records.add, plan, about)
             self._trainings[training.id] = training
@@ -129,6 +129,8 @@ class TrainingService:
             return training
         if training.status is TrainingStatus.DONE:
             raise StudioError(f"{training.called} is complete", 409)
+        if self._beginning.locked():
+            raise StudioError("another training is just beginning: stop it first, one learns at a time", 409)
         self._refuse_a_second()
         if training.plan.task is not Task.CURRICULUM and not (training.folder / "settings.json").is_file():
             raise StudioError(f"{training.called} ended before it began; start a new one", 409)
@@ -179,6 +181,8 @@ class TrainingService:
         paths = [training.checkpoint(name) for name in (before, after)]
         scenario, seed = studio.scenario, studio.seed
         trials = [await self._ask(drive, scenario, path, driver, seed) for path in paths]
+        if studio.scenario is not scenario or training_id not in self._trainings:
+            raise StudioError("the scene or the training has changed meanwhile; compare again", 409)
         self.compared = Compared(training_id, before, after, driver, (trials[0], trials[1]))
         self._studio.tell(Change.TRAINING)
         return self.compared

@@ -6,7 +6,8 @@ from __future__ import annotations
 import copy
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -34,6 +35,7 @@ FIRST_GROUND = 1_000_000
 """Seed of the first ground to learn on; evaluations count theirs from 0, so that they are held out."""
 
 USUAL_GOAL_DISTANCE = 12.0
+NEAREST_GOAL = 3.0
 ENDS_DRAWN = 2000
 DISTANCE_SLACK = 0.1
 MAP_SIZES = (48.0, 80.0, 160.0)  # few, so that grounds are met again
@@ -71,6 +73,23 @@ class Task:
     def map_size(self) -> float:
         """Side of the square map in metres: room for the drive and a detour around it."""
         return next(size for size in MAP_SIZES if 1.6 * self.goal_distance <= size)
+
+
+def task_like(scenario: Scenario) -> Task:
+    """Drives as far, and as watched, as the scenario's own. Raises ValueError where its goal is too far."""
+    start, goal = scenario.start, scenario.goal
+    return Task(
+        goal_distance=round(max(math.hypot(start.x - goal.x, start.y - goal.y), NEAREST_GOAL), 1),
+        observers=min(len(scenario.observers), 20),
+        patrols=any(observer.patrol is not None for observer in scenario.observers),
+        known=all(observer.known for observer in scenario.observers),
+        obstacles=min(len(scenario.obstacles), 20),
+    )
+
+
+def reset_options(task: Task) -> dict[str, Any]:
+    """The task as options of the environment's reset, without the terrain: for a ground that is given."""
+    return {field.name: getattr(task, field.name) for field in fields(Task) if field.name != "terrain"}
 
 
 class Ground:
@@ -210,3 +229,12 @@ def check_reachable(scenario: Scenario) -> None:
             f"scenario '{scenario.name}' has no reachable goal: nothing that a Husky can drive on joins"
             f" ({start.x:g}, {start.y:g}) and ({goal.x:g}, {goal.y:g})"
         )
+
+
+def check_ground(scenario: Scenario) -> None:
+    """Raises ScenarioError, naming the scenario, where no drives like its own can be drawn on its ground."""
+    try:
+        task = task_like(scenario)
+    except ValueError as error:
+        raise ScenarioError(f"scenario '{scenario.name}': {error}; move its goal nearer") from None
+    Ground(scenario).draw(task, np.random.default_rng(0))

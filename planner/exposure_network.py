@@ -33,6 +33,7 @@ CHANNELS = (
 LEAST = 0.02
 """Share of light that no log-odds go below, nor above one less it."""
 
+WIDEST = 512
 WIDTHS = (16, 32, 48)
 ARCHITECTURE = "exposure_unet"
 
@@ -139,7 +140,9 @@ def load_network(path: Path) -> tuple[ExposureNetwork, PolicyName]:
         kind = about.get("architecture", "none that it names")
         raise PolicyError(f"{path} holds weights of the architecture {kind}, not {ARCHITECTURE!r}")
     try:
-        first, second, third = (int(width) for width in json.loads(about["widths"]))
+        first, second, third = json.loads(about["widths"])
+        if not all(type(width) is int and 1 <= width <= WIDEST for width in (first, second, third)):
+            raise ValueError
     except (KeyError, TypeError, ValueError):
         raise PolicyError(f"{path} does not say how wide its network is") from None
     network = ExposureNetwork((first, second, third))

@@ -35,6 +35,9 @@ BLOCK = 4
 """Places a side that the second convolution takes together."""
 
 
+MOST_READ = 256
+
+
 @dataclass(frozen=True)
 class Architecture:
     """What a network reads, and its name in a checkpoint.
@@ -45,6 +48,12 @@ class Architecture:
     channels: int = 1
     state: int = 25
     name: str = "terp_cbam"
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what no environment shows."""
+        for count in (self.channels, self.state):
+            if type(count) is not int or not 1 <= count <= MOST_READ:
+                raise ValueError(f"a network reads 1 to {MOST_READ} layers and numbers, got {count!r}")
 
 
 PAPER = Architecture()

@@ -278,5 +278,13 @@ class TerpReward:
         return terms | {"total": sum(terms.values())}
 
 
-REWARDS: dict[str, Reward] = {"paper": PaperReward(), "corrected": CorrectedReward(), "terp": TerpReward()}
-"""By the names of `covernav train --reward`."""
+REWARDS: dict[str, Reward] = {
+    "corrected": CorrectedReward(),
+    "paper": PaperReward(),
+    "paper[abstract]": PaperReward(elevation=ElevationReading.ABSTRACT),
+    "paper[table]": PaperReward(elevation=ElevationReading.TABLE),
+    "paper[height]": PaperReward(elevation=ElevationReading.HEIGHT),
+    "paper[surface]": PaperReward(cover=CoverReading.SURFACE),
+    "terp": TerpReward(),
+}
+"""By the names of `covernav train --reward`; in brackets what the paper's is read otherwise in."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import json
 import math
 import threading
 import time
@@ -68,7 +69,13 @@ class TrainingSettings:
 
     def document(self) -> dict[str, Any]:
         """As JSON holds it. Raises TrainingRefusal for options that JSON does not hold."""
-        return asdict(replace(self, options=dict(self.options), resets=tuple(dict(r) for r in self.resets)))
+        plain = replace(self, options={}, resets=())
+        given = {"options": dict(self.options), "resets": [dict(reset) for reset in self.resets]}
+        try:
+            return asdict(plain) | json.loads(json.dumps(given, allow_nan=False))
+        except (TypeError, ValueError) as error:
+            words = f"options must be what JSON holds, such as a reward's name ({error})"
+            raise TrainingRefusal(words) from None
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> TrainingSettings:
@@ -78,7 +85,7 @@ class TrainingSettings:
             architecture = Architecture(**document["architecture"])
             changed = {"ddpg": ddpg, "architecture": architecture, "resets": tuple(document["resets"])}
             return cls(**{**document, **changed})
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise TrainingRefusal(f"the settings are of another version ({error})") from None
 
 
@@ -191,7 +198,10 @@ class Trainer:
             raise
 
     def extend(self, episodes: int) -> None:
-        """Train for so many episodes in all. Raises TrainingRefusal for fewer than it was begun with."""
+        """Train for so many episodes in all. What has been learnt stays: the next episode is driven by the
+        policy as the last updates left it, where a training begun for so many would not have made them yet.
+
+        Raises TrainingRefusal for fewer than it was begun with."""
         if episodes < self.settings.episodes:
             self._store.close()
             raise TrainingRefusal(
@@ -220,8 +230,18 @@ class Trainer:
         if self._scenario is not None:
             options["scenario"] = self._scenario
         collector = Collector(settings.environment, options, settings.architecture)
-        source = CollectorProcess(collector) if self._parallel else _Inline(collector)
-        curves = _Curves(self._store.folder, self.progress.episodes)
+        with contextlib.ExitStack() as stack:
+            stack.callback(self._store.close)
+            curves = _Curves(self._store.folder, self.progress.episodes)
+            stack.callback(curves.close)
+            source = CollectorProcess(collector) if self._parallel else _Inline(collector)
+            stack.callback(source.close)
+            yield from self._rounds(source, curves)
+
+    # --- a round ---------------------------------------------------------------------------------
+
+    def _rounds(self, source: CollectorProcess | _Inline, curves: _Curves) -> Iterator[TrainingEvent]:
+        settings = self.settings
         try:
             while self.progress.learnt < settings.episodes and not self.control.stopped:
                 yield from self._round(source, curves)
@@ -229,12 +249,6 @@ class Trainer:
         except (CollectionError, LossError) as error:
             kept = f"the checkpoint after episode {self.progress.episodes} is kept in {self._store.folder}"
             raise TrainingError(f"{error}; {kept}") from error
-        finally:
-            source.close()
-            curves.close()
-            self._store.close()
-
-    # --- a round ---------------------------------------------------------------------------------
 
     def _round(self, source: CollectorProcess | _Inline, curves: _Curves) -> Iterator[TrainingEvent]:
         """Drive the next episode while the updates for the last one are made; keep both."""
@@ -363,9 +377,13 @@ class _Curves:
     """The episodes' figures as TensorBoard reads them."""
 
     def __init__(self, folder: Path, first: int):
+        """Raises TrainingError where the disk does not take them."""
         from torch.utils.tensorboard import SummaryWriter
 
-        self._writer = SummaryWriter(str(folder), purge_step=first or None)
+        try:
+            self._writer = SummaryWriter(str(folder), purge_step=first or None)
+        except OSError as error:
+            raise TrainingError(f"the curves cannot be written: {error.strerror or error}") from None
 
     def add(self, done: EpisodeDone) -> None:
         """Raises TrainingError where the disk does not take them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -17,6 +18,9 @@ from planner.networks import Actor, Architecture
 from planner.replay import Episode
 from scenes.pose import Pose
 from scenes.scenario import Scenario
+
+PARENT_PERIOD_S = 0.5
+"""Between looks, while held, whether there is anybody left to go on for."""
 
 
 class CollectionError(RuntimeError):
@@ -263,16 +267,31 @@ class CollectorProcess:
         return CollectionError(f"the process that drives has ended (exit {self._process.exitcode})")
 
 
+class _WhileServed:
+    """A gate that is given up once the process that would open it is gone."""
+
+    def __init__(self, gate: Gate):
+        self._gate, self._parent = gate, os.getppid()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Raises EOFError once nobody is left to open it."""
+        while not self._gate.wait(PARENT_PERIOD_S):
+            if os.getppid() != self._parent:
+                raise EOFError
+        return True
+
+
 def _serve(pipe: Connection, gate: Gate, collector: Collector) -> None:
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the learner's to answer
     torch.set_num_threads(1)
+    held = _WhileServed(gate)
     try:
         while True:
             order = pipe.recv()
             try:
-                for item in collector.collect(order, gate):
+                for item in collector.collect(order, held):
                     pipe.send(item)
             except CollectionError as error:
                 pipe.send(error)

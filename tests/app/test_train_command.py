@@ -4,7 +4,9 @@ import json
 
 import pytest
 
+from app import train_command
 from app.cli import main
+from planner.reward import REWARDS
 
 SMALL = ["--episodes", "1", "--steps", "3", "--terrain", "low"]
 
@@ -67,6 +69,15 @@ def test_learning_curves_are_drawn_and_the_same_again(trained, tmp_path, capsys)
         (["--out", "/proc/nowhere"], "cannot be written"),
         (["--curves", "{trained}", "--figure", "/proc/nowhere.png"], "cannot be written"),
         (["--figure", "curves.png"], "name the trainings with --curves"),
+        (["--json", "-"], "--curves and --validate"),
+        (["--missions", "3"], "name the trainings with it"),
+        (["--curves", "{trained}", "--learner", "stopping"], "leave --learner stopping out"),
+        (["--resume", "{trained}", "--learner", "terp"], "leave --learner terp out"),
+        (["--curriculum", "--learner", "terp"], "leave one out"),
+        (["--curriculum", "--steps", "30"], "leave --steps out"),
+        (["--curriculum", "--terrain", "low"], "leave --terrain out"),
+        (["--learner", "stopping", "--out", "{trained}/settings.json"], "cannot be written"),
+        (["--learner", "exposure", "--out", "/proc/nowhere"], "cannot be written"),
     ],
 )
 def test_what_cannot_be_met_is_refused_in_one_line(trained, capsys, arguments, words):
@@ -96,3 +107,7 @@ def test_a_failure_on_the_way_is_ours(tmp_path, capsys, monkeypatch):
     message = capsys.readouterr().err
     assert "No space left on device; the last checkpoint there is whole" in message
     assert message.count("\n") == 1
+
+
+def test_the_rewards_are_those_of_the_environment():
+    assert set(train_command.REWARDS) == set(REWARDS)

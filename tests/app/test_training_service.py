@@ -12,12 +12,12 @@ from trainings import LONG, SHORT, opened, over, until
 from app.changes import Change, StudioError
 from app.store import UnknownEntry
 from app.training_plan import Task, TrainingPlan, TrainingStatus
-from app.training_process import Drawn, Moved
+from app.training_process import Drawn, Moved, training_settings
 from app.training_records import TrainingRecords
 from app.training_service import TrainingService
 from app.training_sight import Seen, Sight
 from app.training_trial import Driver
-from scenes.scenario import CoverObject, ScenarioError
+from scenes.scenario import CoverObject, ScenarioError, Start
 
 
 def test_a_training_runs_to_its_end_and_is_told_recorded_and_shown(tmp_path):
@@ -149,6 +149,69 @@ def test_what_cannot_be_trained_is_refused_before_anything_starts(tmp_path):
         await service.close()
 
     asyncio.run(go())
+
+
+def test_drives_that_the_ground_has_no_room_for_are_refused(tmp_path):
+    async def go():
+        far = meadow_scene()
+        studio, service = opened(tmp_path, far)
+        studio.scenario = far.model_copy(update={"start": Start(x=-150.0, y=0.0)})
+        with pytest.raises(ScenarioError, match="move its goal nearer"):
+            await service.start(TrainingPlan(task=Task.GROUND))
+        assert service.trainings == [] and service.live is None
+        await service.close()
+
+    asyncio.run(go())
+
+
+def test_two_that_begin_at_once_do_not_both_learn(tmp_path):
+    async def go():
+        _, service = opened(tmp_path, meadow_scene())
+        old = await put_on_record(service)
+        old.status = TrainingStatus.STOPPED
+        old.folder.mkdir(parents=True)
+        (old.folder / "settings.json").write_text("{}")
+        beginning = asyncio.create_task(service.start(LONG))
+        await asyncio.sleep(0)
+        with pytest.raises(StudioError, match="one learns at a time") as refused:
+            service.resume(old.id)
+        assert refused.value.status == 409
+        training = await beginning
+        assert service.live is training
+        await service.delete(training.id)
+        await service.close()
+
+    asyncio.run(go())
+
+
+def test_a_comparison_of_a_scene_that_has_changed_is_not_shown(tmp_path, monkeypatch):
+    async def go():
+        studio, service = opened(tmp_path, meadow_scene())
+        training = await put_on_record(service)
+        monkeypatch.setattr(type(training), "checkpoint", lambda self, name: self.folder / name)
+
+        async def asked(*_):
+            studio.scenario = studio.scenario.model_copy(update={"name": "another"})
+
+        monkeypatch.setattr(service, "_ask", asked)
+        with pytest.raises(StudioError, match="changed meanwhile"):
+            await service.compare(training.id, "before", "after", Driver.NETWORK)
+        assert service.compared is None
+        await service.close()
+
+    asyncio.run(go())
+
+
+@pytest.mark.parametrize("task", [Task.GROUND, Task.CURRICULUM])
+def test_a_training_says_all_that_it_takes_to_go_on_elsewhere(task):
+    plan = TrainingPlan(task=task, episodes=3)
+    document = None if task is Task.CURRICULUM else meadow_scene().to_json()
+    settings = training_settings(plan, document)
+    assert settings.curriculum is (task is Task.CURRICULUM)
+    if task is Task.GROUND:
+        (drives,) = settings.resets
+        assert drives["observers"] == len(meadow_scene().observers) and "terrain" not in drives
+    assert settings.document()["episodes"] == 3
 
 
 async def put_on_record(service: TrainingService):

@@ -82,3 +82,13 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path, monke
     with pytest.raises(OSError, match="No space"):
         write_file(path, b"new")
     assert path.read_bytes() == b"old" and [entry.name for entry in tmp_path.iterdir()] == ["kept"]
+
+
+@pytest.mark.parametrize(
+    "said", [{"channels": "6"}, {"channels": -1}, {"state": 10**11}, {"state": 1.5}, {"depth": 3}, []]
+)
+def test_an_architecture_that_makes_no_sense_is_refused(tmp_path, said):
+    path = tmp_path / "odd.safetensors"
+    write_tensors(path, weights(Actor()), {"architecture": json.dumps(said)})
+    with pytest.raises(PolicyError, match="does not say which architecture"):
+        load_policy(path)

@@ -208,3 +208,10 @@ def test_a_robot_that_parks_outscores_one_that_arrives_under_the_papers_reward_a
 def test_rewards_are_plain_numbers() -> None:
     for reward in REWARDS.values():
         assert all(type(value) is float and np.isfinite(value) for value in reward(STANDING).values())
+
+
+def test_the_papers_other_readings_go_by_name() -> None:
+    readings = {name: REWARDS[f"paper[{name}]"] for name in ("abstract", "table", "height")}
+    for name, reward in readings.items():
+        assert reward == PaperReward(elevation=ElevationReading(name))
+    assert REWARDS["paper[surface]"] == PaperReward(cover=CoverReading.SURFACE)

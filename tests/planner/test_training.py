@@ -6,16 +6,19 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from planner.checkpoint import load_policy, read_tensors
+from planner.curriculum import Curriculum, Promotion, Stage
 from planner.ddpg import DdpgConfig
 from planner.learning_errors import TrainingError, TrainingRefusal
 from planner.training import Control, EpisodeDone, Stopped, Trainer, TrainingSettings
 from planner.training_collector import StepFrame
+from scenes.scenario import Family
 
 TOY = "toy_drive:ToyDrive-v0"
 
@@ -119,6 +122,79 @@ def test_killed_in_the_middle_it_goes_on_as_if_nothing_had_been(whole, tmp_path)
     assert json.loads((tmp_path / "t/checkpoint.json").read_text())["episodes"] == 2
     train(tmp_path / "t")
     assert left(tmp_path / "t") == left(whole[0])
+
+
+ORPHAN = """
+import os, sys, time
+from pathlib import Path
+import test_training as t
+if __name__ == "__main__":
+    from planner.training_collector import Collector, CollectorProcess
+    trainer = t.Trainer(Path(sys.argv[1]), t.settings(steps=100000), parallel=False)
+    settings = trainer.settings
+    source = CollectorProcess(Collector(settings.environment, {"max_steps": 100000}, settings.architecture))
+    source.begin(trainer._order(0).__class__(**{**trainer._order(0).__dict__, "frames_every": 1}))
+    while source.poll(1.0) is None:
+        pass
+    source.pause()
+    print(source._process.pid, flush=True)
+    os._exit(0)
+"""
+
+
+def test_who_drives_ends_with_a_training_that_dies_while_it_is_paused(tmp_path):
+    (tmp_path / "orphan.py").write_text(ORPHAN)
+    path = os.pathsep.join([str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    found = subprocess.run(
+        [sys.executable, str(tmp_path / "orphan.py"), str(tmp_path / "t")],
+        stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": path}, check=True,
+    )  # fmt: skip
+    driver = Path("/proc") / found.stdout.decode().strip()
+    for _ in range(600):
+        if not driver.exists() or "Z" in (driver / "stat").read_text().split(")")[1][:3]:
+            return
+        time.sleep(0.1)
+    os.kill(int(driver.name), signal.SIGKILL)
+    raise AssertionError("it waits for ever")
+
+
+STAGES = tuple(Stage(str(far), (Family.NORMAL,), far, nearest=1.0) for far in (1.0, 8.0))
+EASY = Promotion(0.5, 2)
+
+
+@pytest.mark.parametrize("episodes", [2, 3, 4])
+def test_a_curriculum_goes_on_where_it_was_over_a_promotion_too(tmp_path, episodes):
+    def learn(folder, wanted=None, control=None):
+        lessons = Curriculum(settings().seed, STAGES, EASY)
+        return Trainer(folder, wanted, parallel=False, curriculum=lessons, control=control)
+
+    whole = learn(tmp_path / "whole", settings(episodes=6))
+    list(whole.run())
+    assert whole.progress.curriculum["stage"] == 1, "a metre is soon driven"
+    control = Control()
+    for event in learn(tmp_path / "cut", settings(episodes=6), control).run():
+        if isinstance(event, EpisodeDone) and event.number == episodes - 1:
+            control.stop()
+    list(learn(tmp_path / "cut").run())
+    assert left(tmp_path / "cut") == left(tmp_path / "whole")
+
+
+def test_options_that_a_file_cannot_hold_are_refused(tmp_path):
+    with pytest.raises(TrainingRefusal, match="what JSON holds"):
+        train(tmp_path / "t", settings(options={"reward_scale": object()}))
+
+
+def test_a_disk_too_full_for_the_curves_is_said(tmp_path, monkeypatch):
+    import torch.utils.tensorboard as board
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(board, "SummaryWriter", full)
+    with pytest.raises(TrainingError, match="curves cannot be written: No space left"):
+        train(tmp_path / "t", settings())
+    monkeypatch.undo()
+    assert train(tmp_path / "t")[-1] == Stopped(4, complete=True), "and the folder is free again"
 
 
 def test_a_line_of_an_episode_that_was_not_finished_is_taken_back(whole, tmp_path):
