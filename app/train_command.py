@@ -184,4 +184,6 @@ def _words(recent: list[Any]) -> str:
     count = len(recent)
     success = sum(event.success for event in recent) / count
     mean = sum(event.total for event in recent) / count
-    return f"return {mean:.1f}, success {success:.0%} over {count}, {recent[-1].steps_per_s:.0f} steps/s"
+    last = recent[-1]
+    stage = f"{last.stage}, " if last.stage else ""
+    return f"{stage}return {mean:.1f}, success {success:.0%} over {count}, {last.steps_per_s:.0f} steps/s"

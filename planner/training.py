@@ -95,6 +95,7 @@ class EpisodeDone:
 
     losses : means over the updates made while it was driven; total : its return; final : its last status
     steps_per_s : of driving and learning together, by the clock
+    stage : of the curriculum that its task was of, None without one
     """
 
     number: int
@@ -107,6 +108,7 @@ class EpisodeDone:
     losses: Losses
     updates: int
     steps_per_s: float
+    stage: str | None = None
 
 
 @dataclass(frozen=True)
@@ -287,6 +289,7 @@ class Trainer:
         done = EpisodeDone(
             number, len(collected.episode), collected.total, collected.terms, collected.success,
             collected.exposed_s, collected.final, _mean(losses), updates, pace,
+            None if self._curriculum is None else self._curriculum.stage.name,
         )  # fmt: skip
         self._keep(collected.episode, done)
         curves.add(done)

@@ -56,6 +56,7 @@ def state(training: Training | None) -> str:
     recent = training.episodes[-RECENT:]
     if recent:
         last = recent[-1]
+        rows += [("Stage", last["stage"])] if last.get("stage") else []
         share = float(np.mean([row["success"] for row in recent]))
         rows += [
             ("Last episode", f"{ended(last['final'])}, return {last['total']:.1f}"),

@@ -55,7 +55,7 @@ def test_an_episode_an_event_and_a_line(whole):
     rows = [json.loads(line) for line in (folder / "episodes.jsonl").read_text().splitlines()]
     assert [row["number"] for row in rows] == [0, 1, 2, 3]
     assert set(rows[0]) == {
-        "number", "steps", "total", "terms", "success", "exposed_s", "final", "losses", "updates"
+        "number", "steps", "total", "terms", "success", "exposed_s", "final", "losses", "updates", "stage"
     }  # fmt: skip
     assert rows[0]["losses"] is None and rows[3]["losses"]["critic"] > 0.0
     assert rows[3]["total"] == pytest.approx(sum(rows[3]["terms"].values()), rel=1e-6)
@@ -171,6 +171,8 @@ def test_a_curriculum_goes_on_where_it_was_over_a_promotion_too(tmp_path, episod
     whole = learn(tmp_path / "whole", settings(episodes=6))
     list(whole.run())
     assert whole.progress.curriculum["stage"] == 1, "a metre is soon driven"
+    rows = [json.loads(line) for line in (tmp_path / "whole/episodes.jsonl").read_text().splitlines()]
+    assert rows[0]["stage"] == "1.0" and rows[-1]["stage"] == "8.0"
     control = Control()
     for event in learn(tmp_path / "cut", settings(episodes=6), control).run():
         if isinstance(event, EpisodeDone) and event.number == episodes - 1:
