@@ -109,9 +109,13 @@ class Encoder(nn.Module):
         )
         self.width = 16 * (FEATURE_CELLS // BLOCK) ** 2 + 128
 
+    def features(self, layers: Tensor) -> Tensor:
+        """(n, 8, 20, 20) features before the attention, none below zero."""
+        return torch.relu(self.first(layers))
+
     def attend(self, layers: Tensor) -> Tensor:
         """(n, 8, 20, 20) features after the attention, none below zero."""
-        return self.attention(torch.relu(self.first(layers)))
+        return self.attention(self.features(layers))
 
     def forward(self, layers: Tensor, state: Tensor) -> Tensor:
         blocks = self.attend(layers).unflatten(3, (-1, BLOCK)).unflatten(2, (-1, BLOCK))

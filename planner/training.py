@@ -94,7 +94,7 @@ class EpisodeDone:
     """An episode that was driven, kept and, with its checkpoint, safe.
 
     losses : means over the updates made while it was driven; total : its return; final : its last status
-    steps_per_s : of driving and learning together, by the clock
+    steps_per_s : of driving and learning together, by the clock, pauses left out
     stage : of the curriculum that its task was of, None without one
     """
 
@@ -254,7 +254,7 @@ class Trainer:
 
     def _round(self, source: CollectorProcess | _Inline, curves: _Curves) -> Iterator[TrainingEvent]:
         """Drive the next episode while the updates for the last one are made; keep both."""
-        begun, progress = time.perf_counter(), self.progress
+        begun, progress, self._idle_s = time.perf_counter(), self.progress, 0.0
         number, collected = progress.episodes, None
         driving = number < self.settings.episodes
         if driving:
@@ -285,7 +285,7 @@ class Trainer:
             self._store.commit(progress, self.learner)
             self.progress = progress
             return
-        pace = len(collected.episode) / (time.perf_counter() - begun)
+        pace = len(collected.episode) / (time.perf_counter() - begun - self._idle_s)
         done = EpisodeDone(
             number, len(collected.episode), collected.total, collected.terms, collected.success,
             collected.exposed_s, collected.final, _mean(losses), updates, pace,
@@ -319,9 +319,11 @@ class Trainer:
     def _held(self, source: CollectorProcess | _Inline) -> bool:
         """Wait while paused; whether to stop."""
         if self.control.paused:
+            begun = time.perf_counter()
             source.pause()
             self.control.wait()
             source.go_on()
+            self._idle_s += time.perf_counter() - begun
         return self.control.stopped
 
     def _order(self, number: int) -> EpisodeOrder:

@@ -126,7 +126,10 @@ class TrainingTab:
         return training
 
     async def _delete(self) -> None:
-        await self._show.service.delete(self._about().id)
+        training = self._about()
+        if training.status.live:
+            raise StudioError(f"{training.called} is {training.status}: stop it before it is deleted", 409)
+        await self._show.service.delete(training.id)
 
     async def _use(self) -> None:
         training, name = self._about(), self._checkpoints().get(self._checkpoint.value, LAST)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from planner.braking import LevelBraking
 from planner.driver import Driver
@@ -84,12 +84,10 @@ class MethodEntry:
     description: str
 
 
-def _covernav_paper(
-    weights: Path | None = None, *, attention: bool = True, literal: bool = False
-) -> Method:
+def _covernav_paper(weights: Path | None = None, **changed: Any) -> Method:
     from planner.methods.covernav_paper import POLICY, CoverNavPaper, PaperConfig  # torch is for learners
 
-    return CoverNavPaper(weights or POLICY, PaperConfig(attention=attention, literal=literal))
+    return CoverNavPaper(weights or POLICY, PaperConfig(**changed))
 
 
 def _terp(weights: Path | None = None) -> Method:
@@ -185,6 +183,14 @@ VARIANTS: Mapping[str, MethodEntry] = {
     "covernav_paper[no_attention]": MethodEntry(
         lambda seed: _covernav_paper(attention=False),
         "covernav_paper with a cost map made by hand, of steepness alone.",
+    ),
+    "covernav_paper[no_cbam]": MethodEntry(
+        lambda seed: _covernav_paper(cbam=False),
+        "covernav_paper with its network's features as they are before the attention module.",
+    ),
+    "covernav_paper[literal_reward]": MethodEntry(
+        lambda seed: _covernav_paper(POLICIES / "covernav_paper_literal.safetensors"),
+        "covernav_paper trained under the reward as published instead of the corrected one.",
     ),
     "covernav_paper[literal_cost]": MethodEntry(
         lambda seed: _covernav_paper(literal=True),

@@ -39,6 +39,7 @@ class PaperConfig:
         and cuts the corners on the way
     blocked : what stands as near to a cell bars it: TERP's elevation holds it, ours the bare ground alone
     attention : whether the network has a say in the cost map; without, steepness alone makes it
+    cbam : whether its features pass the attention module before they are read; it was trained with it
     literal : the cost map as published, with its traps, see `planner.attention_cost`
     """
 
@@ -48,6 +49,7 @@ class PaperConfig:
     blocked: float = 0.5
     replan_period: float = 0.4
     attention: bool = True
+    cbam: bool = True
     literal: bool = False
     cost: CostConfig = field(default_factory=CostConfig)
     driver: DriverConfig = field(default_factory=DriverConfig)
@@ -110,7 +112,8 @@ class CoverNavPaper:
         """(40, 40) float32, body frame: 0 to 80, or 1000 where barred."""
         layers = observe(percept)["layers"]
         read = torch.from_numpy(layers[None, : self._actor.architecture.channels])
-        attended = self._actor.encoder.attend(read)[0].numpy()
+        encoder = self._actor.encoder
+        attended = (encoder.attend(read) if self.config.cbam else encoder.features(read))[0].numpy()
         if not self.config.attention:
             attended = np.ones_like(attended)
         cost = cost_map(attended, percept.elevation_patch, self.config.literal)
