@@ -72,7 +72,8 @@ def _method_line(row: Row) -> str:
         cell = shown(row[key], style)
         interval = row["ci95"].get(key) if key in WITH_INTERVAL else None
         if interval is not None:
-            cell += f" ({shown(interval[0], style)}–{shown(interval[1], style)})"
+            between = " to " if interval[0] < 0.0 else "–"
+            cell += f" ({shown(interval[0], style)}{between}{shown(interval[1], style)})"
         cells.append(cell + _in_the_paper(row, key))
     failures = ", ".join(f"{n} {reason}" for reason, n in row["failures"].items())
     return _line([*cells, failures or "none"])

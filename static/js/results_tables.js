@@ -28,6 +28,10 @@ export function cell(tag, text, kind = "") {
 
 const number = (value, digits, scale = 1) => (value === null || value === undefined ? "–" : (scale * value).toFixed(digits));
 
+function range([low, high], digits, scale) {
+  return `${number(low, digits, scale)}${low < 0 ? " to " : "–"}${number(high, digits, scale)}`;
+}
+
 function aside(into, text, kind) {
   into.append(" ", cell("span", text, kind));
 }
@@ -64,7 +68,7 @@ function methodRow(row, first, methods) {
   for (const [, key, digits, scale] of COLUMNS) {
     const made = cell("td", number(row[key], digits, scale));
     const interval = WITH_INTERVAL.has(key) ? row.ci95[key] : null;
-    if (interval) aside(made, `(${number(interval[0], digits, scale)}–${number(interval[1], digits, scale)})`, "interval");
+    if (interval) aside(made, `(${range(interval, digits, scale)})`, "interval");
     if (row.n[key] !== undefined) made.title = `over ${row.n[key]} drives`;
     paper(made, row, key, 1);
     line.append(made);
