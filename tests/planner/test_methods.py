@@ -1,5 +1,7 @@
 """The registry of methods, the plain baseline, and the least-cost one."""
 
+import hashlib
+import json
 import pickle
 
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 from maps import drive, grid_map, percept
 
 from planner.frames import Status
-from planner.methods import DEFAULT_METHOD, METHODS, VARIANTS, Briefed, make_method
+from planner.methods import DEFAULT_METHOD, METHODS, POLICIES, VARIANTS, Briefed, make_method
 from planner.methods.least_cost import LeastCost, LeastCostConfig
 from scenes.pose import Pose
 
@@ -176,3 +178,11 @@ def test_a_gap_that_the_driver_cannot_pass_is_left_for_another(name, monkeypatch
 def test_variants_are_the_methods_they_are_variants_of(name):
     assert make_method(name).name == name.partition("[")[0]
     assert name not in METHODS and VARIANTS[name].description.endswith(".")
+
+
+@pytest.mark.parametrize("weights", sorted(POLICIES.glob("*.safetensors")), ids=lambda path: path.stem)
+def test_every_policy_is_small_and_has_a_card_that_is_its_own(weights):
+    card = json.loads(weights.with_suffix(".json").read_text("utf-8"))
+    assert {"command", "seed", "data", "steps", "figures", "weaknesses", "sha256"} <= set(card)
+    assert card["sha256"] == hashlib.sha256(weights.read_bytes()).hexdigest()
+    assert card["command"].startswith("covernav train") and weights.stat().st_size <= 5_000_000
