@@ -11,21 +11,22 @@ from typing import Any
 from app.results import Evaluation, described
 from app.results_figures import Theme, distributions, render, success_against_exposure, trajectories
 from app.results_map import Grounds
-from app.results_tables import BOUND, COLUMNS, PAPER_FORMATS, kind_words, shown
+from app.results_tables import BOUND, COLUMNS, PAPER_FORMATS, around, kind_words, shown
 from app.store import UnknownEntry
 from scenes.scenario import ScenarioError
 
 BESIDE_EXPOSURE = "Success against exposure, with 95 % intervals; the dashed line is the least exposed route"
 SPREAD = "Successes: every drive, the middle half, the median"
 STYLE = """
-body { margin: 0 auto; max-width: 70rem; padding: 2rem 1.25rem 4rem; color: #1c1f22; background: #fff;
+body { margin: 0 auto; max-width: 88rem; padding: 2rem 1.25rem 4rem; color: #1c1f22; background: #fff;
   font: 15px/1.55 system-ui, sans-serif }
 h1 { font-size: 1.5rem } h2 { margin-top: 2.4rem; font-size: 1.15rem }
-table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums }
-td, th { padding: 3px 9px; border-bottom: 1px solid #d5d9dd; text-align: right; white-space: nowrap }
+table { border-collapse: collapse; font-size: 12px; font-variant-numeric: tabular-nums }
+td, th { padding: 3px 7px; border-bottom: 1px solid #d5d9dd; text-align: right; white-space: nowrap }
 td:first-child, th:first-child, td:nth-child(2), th:nth-child(2), td:last-child { text-align: left }
+th { white-space: normal; vertical-align: bottom; line-height: 1.25 }
 tr.bound td { font-style: italic; color: #5a626a; border-bottom: 2px solid #9aa2aa }
-.paper, .quiet { color: #5a626a } .wide { overflow-x: auto } svg { max-width: 100%; height: auto }
+.paper, .quiet { color: #5a626a } .wide { overflow-x: auto } svg { max-width: min(100%, 68rem); height: auto }
 figure { margin: 1.4rem 0 } figcaption { color: #5a626a; font-size: 13px }
 """
 
@@ -103,9 +104,7 @@ def _method_row(row: dict[str, Any]) -> str:
     success = f"{100.0 * row['success_rate']:.0f} ({low:.0f}–{high:.0f}){_paper(row, 'success_rate')}"
     cells = [escape(row["terrain"]), f"<code>{escape(row['method'])}</code>", str(row["missions"]), success]
     for _, key, style in COLUMNS:
-        interval = row["ci95"].get(key) if key == "exposed_s" else None
-        around = f" ({interval[0]:.1f}–{interval[1]:.1f})" if interval else ""
-        cells.append(shown(row[key], style) + around + _paper(row, key))
+        cells.append(shown(row[key], style) + around(row, key, style) + _paper(row, key))
     failures = ", ".join(f"{n} {reason}" for reason, n in row["failures"].items())
     return f"<tr>{''.join(f'<td>{cell}</td>' for cell in [*cells, escape(failures) or 'none'])}</tr>"
 

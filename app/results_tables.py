@@ -69,12 +69,7 @@ def _method_line(row: Row) -> str:
     success += _in_the_paper(row, "success_rate")
     cells = [row["terrain"], f"`{row['method']}`", str(row["missions"]), success]
     for _, key, style in COLUMNS:
-        cell = shown(row[key], style)
-        interval = row["ci95"].get(key) if key in WITH_INTERVAL else None
-        if interval is not None:
-            between = " to " if interval[0] < 0.0 else "–"
-            cell += f" ({shown(interval[0], style)}{between}{shown(interval[1], style)})"
-        cells.append(cell + _in_the_paper(row, key))
+        cells.append(shown(row[key], style) + around(row, key, style) + _in_the_paper(row, key))
     failures = ", ".join(f"{n} {reason}" for reason, n in row["failures"].items())
     return _line([*cells, failures or "none"])
 
@@ -88,6 +83,15 @@ def _bound_line(row: Row) -> str:
     cells = [row["terrain"], "*bound*", str(row["missions"]), ""]
     cells += [shown(row[BOUND[key]], style) if key in BOUND else "" for _, key, style in COLUMNS]
     return _line([*cells, ""])
+
+
+def around(row: Row, key: str, style: str) -> str:
+    """The interval of a figure in brackets, empty where the tables show none."""
+    interval = row["ci95"].get(key) if key in WITH_INTERVAL else None
+    if interval is None:
+        return ""
+    low, high = interval
+    return f" ({shown(low, style)}{' to ' if low < 0.0 else '–'}{shown(high, style)})"
 
 
 def shown(value: float | None, style: str) -> str:
