@@ -9,6 +9,7 @@ from planner.covert_route import LONGEST, CovertPlanner
 from planner.posting import MOST_WATCHERS, Placement, points_about, posts
 from planner.suites import LEAST_SEEN, MOST_LEFT, Knowledge, Suite, suite_mission
 from scenes.families import generate
+from scenes.rays import BodyKind
 from scenes.scenario import Family
 from scenes.traversability import reachable
 
@@ -99,3 +100,19 @@ def test_a_placement_changes_where_watchers_stand_alone(suite):
     if suite is Suite.RANDOM:
         same = mission(Placement.UNIFORM)
         assert posted.cover == same.cover and len(posted.observers) == len(same.observers)
+
+
+def test_a_far_goal_has_a_map_with_room_for_the_drive_and_a_detour():
+    mission = suite_mission(Suite.RANDOM, Family.NORMAL, 2, Knowledge.KNOWN, 50.0)
+    start, goal, ground = mission.scenario.start, mission.scenario.goal, mission.rays.heightmap
+    assert math.hypot(goal.x - start.x, goal.y - start.y) == pytest.approx(50.0, rel=0.11)
+    assert 2.0 * ground.bounds[1] == pytest.approx(80.0, abs=2.0 * ground.resolution)
+    assert ground.contains(start.x, start.y) and ground.contains(goal.x, goal.y)
+    assert mission.reference.bound_m <= 2.0 * mission.reference.shortest_m
+
+
+def test_a_missions_rays_are_of_its_own_ground_and_cover():
+    mission = suite_mission(Suite.RANDOM, Family.LOW, 4, Knowledge.KNOWN, GOAL_DISTANCE)
+    assert np.array_equal(mission.rays.heightmap.heights, mission.scenario.terrain.heightmap().heights)
+    standing = [body.id for body in mission.rays.bodies if body.kind is BodyKind.COVER]
+    assert standing == [thing.id for thing in mission.scenario.cover]
