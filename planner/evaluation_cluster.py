@@ -16,6 +16,7 @@ from typing import Any
 
 from planner.evaluation import MissionSpec, failed
 from planner.evaluation_run import Result, attempt_here
+from scenes.embree import use_threads
 
 RETRIES = 4
 LOOK_S = 1.0
@@ -26,6 +27,7 @@ class ClusterError(ValueError):
 
 
 def _attempted(attempt: Callable[[MissionSpec], Result], spec: MissionSpec) -> Result:
+    use_threads(1)  # a task has one CPU
     return attempt(spec)
 
 
