@@ -273,7 +273,7 @@ class TestDrawing:
         ("wanted", "words"),
         [
             ({"terrain": "swamp"}, "swamp"),
-            ({"reward": "fame"}, "reward 'fame' is none of paper, corrected"),
+            ({"reward": "fame"}, "reward 'fame' is none of corrected, paper"),
             ({"dynamics": "magic"}, "magic"),
             ({"goal_distance": 0.0}, "goal distance"),
             ({"observers": -1}, "number of observers"),
