@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from app.output import learning_in
+
 
 def add_arguments(train: argparse.ArgumentParser) -> None:
     """The options that only this learner has."""
@@ -26,19 +28,13 @@ def teach(arguments: argparse.Namespace) -> None:
 
     Raises TrainingRefusal for what cannot be asked or read, TrainingError where the folder cannot be written.
     """
-    from planner.learning_errors import TrainingError, TrainingRefusal
+    from planner.learning_errors import TrainingRefusal
 
     if (arguments.dataset is None) != (arguments.data is None):
         raise TrainingRefusal("--dataset and --data go together: which data set, and where it lies")
     folder = arguments.out or Path("training-ga_nav")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TrainingRefusal(f"{folder} cannot be written: {error.strerror or error}") from None
-    try:
+    with learning_in(folder):
         _learn(arguments, folder)
-    except OSError as error:
-        raise TrainingError(f"{error.strerror or error}; what was finished in {folder} is kept") from None
 
 
 def _learn(arguments: argparse.Namespace, folder: Path) -> None:

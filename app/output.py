@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,3 +42,20 @@ def write_text(target: str, text: str, refusal: type[Exception]) -> None:
 def write_json(target: str, document: Any, refusal: type[Exception]) -> None:
     """As `write_text`, a document. Raises ValueError for numbers that JSON does not have."""
     write_text(target, json.dumps(document, indent=1, allow_nan=False) + "\n", refusal)
+
+
+@contextmanager
+def learning_in(folder: Path) -> Iterator[None]:
+    """Make the folder that a training is to fill. Raises TrainingRefusal where it cannot be, TrainingError
+    where it cannot be written later on."""
+    from planner.learning_errors import TrainingError, TrainingRefusal
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TrainingRefusal(f"{folder} cannot be written: {error.strerror or error}") from None
+    try:
+        yield
+    except OSError as error:
+        words = f"{folder} cannot be written: {error.strerror or error}"
+        raise TrainingError(f"{words}; what was finished in it is kept") from None

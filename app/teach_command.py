@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from app.output import learning_in
+
 
 def add_arguments(train: argparse.ArgumentParser, whole: Callable[[int, int], Any]) -> None:
     """The options that only this learner has."""
@@ -29,18 +31,9 @@ def teach(arguments: argparse.Namespace) -> None:
     """Collect and learn; a folder that holds scenes already is gone on with.
 
     Raises TrainingRefusal for a folder that cannot be, TrainingError where it cannot be written."""
-    from planner.learning_errors import TrainingError, TrainingRefusal
-
     folder = arguments.out or Path(f"training-{arguments.learner}")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TrainingRefusal(f"{folder} cannot be written: {error.strerror or error}") from None
-    try:
+    with learning_in(folder):
         _teach(arguments, folder)
-    except OSError as error:
-        words = f"{folder} cannot be written: {error.strerror or error}"
-        raise TrainingError(f"{words}; what was finished is kept") from None
 
 
 def _teach(arguments: argparse.Namespace, folder: Path) -> None:
