@@ -10,6 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from app.output import learning_in
+
 
 def add_arguments(train: argparse.ArgumentParser, whole: Callable[[int, int], Any]) -> None:
     """The options that only this learner has."""
@@ -23,19 +25,18 @@ def teach(arguments: argparse.Namespace) -> None:
     from tqdm import tqdm
 
     from planner.dwa_rl_training import MotionLessons, teach_motion
-    from planner.learning_errors import TrainingError, TrainingRefusal
+    from planner.learning_errors import TrainingRefusal
 
     folder = arguments.out or Path("training-dwa_rl")
     usual = MotionLessons()
     lessons = MotionLessons(arguments.decisions or usual.decisions, arguments.seed or 0)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    best = None
+    weights = folder / "dwa_rl.safetensors"
+    with learning_in(folder):
         if any(folder.iterdir()):
             raise TrainingRefusal(f"{folder} is not empty; name another folder with --out")
         (folder / "settings.json").write_text(json.dumps(asdict(lessons), indent=1) + "\n", "utf-8")
-        weights = folder / "dwa_rl.safetensors"
         bar = tqdm(total=lessons.decisions, disable=None, unit="decision", file=sys.stderr)
-        best = None
         with bar, (folder / "rounds.jsonl").open("w", encoding="utf-8") as curve:
             for now in teach_motion(weights, lessons):
                 best = now.judged if now.best else best
@@ -43,9 +44,6 @@ def teach(arguments: argparse.Namespace) -> None:
                 curve.flush()
                 bar.set_postfix_str(f"reward {now.total:.1f}, success {now.success:.0%}")
                 bar.update(now.decisions - bar.n)
-    except OSError as error:
-        words = f"{folder} cannot be written: {error.strerror or error}"
-        raise TrainingError(f"{words}; the best policy so far is kept") from None
     if best is not None:
         figures = f"arrives in {best.success:.0%}, collides in {best.collisions:.0%} of the judged drives"
         print(f"the best policy {figures}; its weights are {weights}")

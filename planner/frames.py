@@ -77,6 +77,13 @@ class GridMap:
             int(np.rint((x - self.x_min) / self.resolution)),
         )
 
+    def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns (n,) of the cells that hold world points; may lie outside the grid."""
+        return (
+            np.rint((y - self.y_min) / self.resolution).astype(int),
+            np.rint((x - self.x_min) / self.resolution).astype(int),
+        )
+
     def contains(self, x: float, y: float) -> bool:
         row, col = self.cell(x, y)
         return 0 <= row < self.shape[0] and 0 <= col < self.shape[1]

@@ -115,11 +115,9 @@ def patch_points(pose: Pose) -> np.ndarray:
 
 def on_patch(grid: GridMap, values: np.ndarray, pose: Pose) -> np.ndarray:
     """(40, 40) of a layer (rows, cols) over the map, about a robot at `pose`; beyond the map its border's."""
-    x, y = patch_points(pose).T
     rows, cols = grid.shape
-    col = np.rint((x - grid.x_min) / grid.resolution).astype(int).clip(0, cols - 1)
-    row = np.rint((y - grid.y_min) / grid.resolution).astype(int).clip(0, rows - 1)
-    return values[row, col].reshape(PATCH_CELLS, PATCH_CELLS)
+    row, col = grid.cells(*patch_points(pose).T)
+    return values[row.clip(0, rows - 1), col.clip(0, cols - 1)].reshape(PATCH_CELLS, PATCH_CELLS)
 
 
 def _terp_state(percept: Percept, heading_change: float) -> np.ndarray:

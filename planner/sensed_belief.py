@@ -13,7 +13,7 @@ from planner.belief import BeliefConfig, evenly_drawn
 from planner.frames import GridMap, Percept
 from planner.line_of_sight import SEEN
 from planner.posting import points_about
-from planner.sensed_exposure import MapSight
+from planner.sensed_exposure import MapSight, spread
 from planner.spotting import FIGURE_MIDDLE, SPOTTING_RANGE
 from scenes.robot import HUSKY
 
@@ -92,8 +92,7 @@ class SensedBelief:
             within = np.flatnonzero(np.linalg.norm(there - eye, axis=1) <= self.config.range)
             light = on_map.light(eye, row[within], col[within], np.array([HUSKY.height]))[:, 0]
             chance[within] += self.config.attention * (times / len(drawn)) * light
-        coarse = chance.reshape(len(rows), len(cols))
-        return np.repeat(np.repeat(coarse, STRIDE, axis=0), STRIDE, axis=1)[: grid.shape[0], : grid.shape[1]]
+        return spread(chance.reshape(len(rows), len(cols)), STRIDE, grid.shape)
 
     def _eye(self, index: int, on_map: MapSight) -> np.ndarray:
         x, y = self.places[index]
@@ -107,8 +106,7 @@ def _on(
     grid: GridMap, points: np.ndarray, wanted: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Indices of the points (n, 2) that lie on the map, of those that are `wanted` (n,), and their cells."""
-    row = np.rint((points[:, 1] - grid.y_min) / grid.resolution).astype(int)
-    col = np.rint((points[:, 0] - grid.x_min) / grid.resolution).astype(int)
+    row, col = grid.cells(*points.T)
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
     index = np.flatnonzero(inside if wanted is None else inside & wanted)
     return index, row[index], col[index]

@@ -105,7 +105,12 @@ def sensed_exposure(percept: Percept, on_map: MapSight | None = None) -> np.ndar
         light += united / len(times)
     levels = light.T.reshape(len(heights), len(rows), len(cols))
     coarse = over_hull(levels, STRIDE * grid.resolution).mean(axis=0)
-    return np.repeat(np.repeat(coarse, STRIDE, axis=0), STRIDE, axis=1)[: grid.shape[0], : grid.shape[1]]
+    return spread(coarse, STRIDE, grid.shape)
+
+
+def spread(coarse: np.ndarray, stride: int, shape: tuple[int, int]) -> np.ndarray:
+    """A layer of `shape` from one whose every cell stands for `stride` cells each way."""
+    return np.repeat(np.repeat(coarse, stride, axis=0), stride, axis=1)[: shape[0], : shape[1]]
 
 
 def occluders(percept: Percept) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
