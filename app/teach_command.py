@@ -1,4 +1,4 @@
-"""`covernav train --learner stopping` and `exposure`: teach what covernav can learn."""
+"""`covernav train --learner habits` and `exposure`: teach what covernav can learn."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from app.output import learning_in
 def add_arguments(train: argparse.ArgumentParser, whole: Callable[[int, int], Any]) -> None:
     """The options that only this learner has."""
     train.add_argument(
-        "--learner", choices=["paper", "terp", "stopping", "exposure", "ga_nav", "dwa_rl"], default="paper",
-        help="the paper's (left out), TERP's, the network in covernav that knows how far the robot rolls on,"
-        " one that corrects who it thinks sees it, GA-Nav's, which tells ground by its looks, or DWA-RL's,"
-        " which chooses among the window's arcs",
+        "--learner", choices=["paper", "terp", "habits", "exposure", "ga_nav", "dwa_rl"], default="paper",
+        help="the paper's (left out), TERP's, the network in covernav that knows how people and vehicles go"
+        " on, one that corrects who it thinks sees it, GA-Nav's, which tells ground by its looks, or"
+        " DWA-RL's, which chooses among the window's arcs",
     )  # fmt: skip
-    scenes = "to learn from, of stopping, exposure and ga_nav"
+    scenes = "to learn from, of habits, exposure and ga_nav"
     train.add_argument("--scenes", type=whole(2, 100_000), help=scenes)
     train.add_argument("--held-out", type=whole(1, 10_000), help="scenes to validate on")
-    train.add_argument("--epochs", type=whole(1, 10_000), help="of stopping, exposure and ga_nav")
+    train.add_argument("--epochs", type=whole(1, 10_000), help="of habits, exposure and ga_nav")
     train.add_argument("--jobs", type=whole(1, 64), default=2, help="processes that collect")
 
 
@@ -41,8 +41,8 @@ def _teach(arguments: argparse.Namespace, folder: Path) -> None:
     from tqdm import tqdm
 
     torch.set_num_threads(1)  # the same weights whatever the machine
-    if arguments.learner == "stopping":
-        from planner import stopping_lessons as lessons
+    if arguments.learner == "habits":
+        from planner import habit_lessons as lessons
     else:
         from planner import exposure_lessons as lessons
     asked = {name: getattr(arguments, name) for name in ("scenes", "held_out", "seed", "epochs")}

@@ -55,7 +55,7 @@ def train_policy(arguments: argparse.Namespace) -> None:
     from planner.learning_errors import TrainingRefusal
 
     _refuse_what_would_be_ignored(arguments)
-    if arguments.learner in ("stopping", "exposure"):
+    if arguments.learner in ("habits", "exposure"):
         teach(arguments)
         return
     if arguments.learner == "ga_nav":

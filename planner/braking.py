@@ -1,4 +1,4 @@
-"""How far the Husky rolls on by its data sheet: what a network that learnt it has to beat."""
+"""How far the Husky rolls on once it is told to stop, by its data sheet."""
 
 from __future__ import annotations
 

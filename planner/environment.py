@@ -17,6 +17,7 @@ from planner.elevation_map import MapConfig
 from planner.episode import Ground, Grounds, Task, check_reachable
 from planner.frames import GridMap, Percept, Perception, Status
 from planner.line_of_sight import View, VisibleFraction, views_at, visible_fraction
+from planner.map_sight import MapSight
 from planner.observation import (
     HIGH,
     LOW,
@@ -30,7 +31,7 @@ from planner.observation import (
 from planner.perception import Perceiver, Sensing
 from planner.reward import REWARDS, Moment, Reward
 from planner.sensed_belief import SensedBelief
-from planner.sensed_exposure import MapSight, sensed_exposure
+from planner.sensed_exposure import sensed_exposure
 from planner.shelter import Shelter
 from scenes.kinematics import KinematicWorld
 from scenes.pose import Pose, Twist, wrap_angle

@@ -19,8 +19,9 @@ from torch import Tensor, nn
 
 from planner.checkpoint import PolicyError, PolicyName, load_weights, read_tensors, weights, write_tensors
 from planner.frames import Percept
+from planner.map_sight import occluders
 from planner.networks import Attention
-from planner.sensed_exposure import STRIDE, occluders, views_on_map
+from planner.sensed_exposure import STRIDE, views_on_map
 
 CELLS = 64
 """Cells a side of the window about the robot, `STRIDE` cells of its map each."""

@@ -5,6 +5,7 @@ Metres, seconds, radians; world frame x east, y north, z up. Arrays are not writ
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Any, ClassVar
@@ -157,6 +158,7 @@ class Percept:
     obstacle_distances : (72,) nearest mapped obstacle by bearing in the body frame, metres, inf where none
     known_observers, observer_eyes : ids, and world x, y, z of their eyes in the same order
     observers : the known ones as documents; one that was spotted stands where it was last seen
+    tracks : (k, 5) sightings of each moving obstacle by its id, oldest first: seconds, world x, y, vx and vy
     view : the same object until the camera looks again; None before it has, and in the oracle's perception.
         It stays in its process: a percept that was pickled has none
     """
@@ -177,6 +179,7 @@ class Percept:
     known_observers: tuple[int, ...] = ()
     observer_eyes: tuple[tuple[float, float, float], ...] = ()
     observers: tuple[Observer, ...] = ()
+    tracks: Mapping[int, np.ndarray] = field(default_factory=dict)
     view: CameraView | None = field(default=None, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:

@@ -11,7 +11,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from scenes.pose import wrap_angle
+from scenes.pose import Pose, wrap_angle
+
+DETOUR = 1.25
+"""How much longer than the straight line ways are, on the mean."""
 
 SAMPLE_SPACING = 0.2
 """Metres between the places at which a route is looked at."""
@@ -49,6 +52,11 @@ class Pace:
     def turning(self, by: float) -> float:
         """Seconds to turn on the spot by an angle."""
         return max(0.0, abs(float(wrap_angle(by))) - self.easy_turn) / self.turn_rate
+
+
+def seconds_to(pose: Pose, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """About how long a robot at a pose takes to places (...) in the world."""
+    return DETOUR * np.hypot(x - pose.x, y - pose.y) / Pace.cruise
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from numba import njit
 from planner.cover import CoverMemory
 from planner.detection import listed, looked_through, sight
 from planner.elevation_map import ElevationMap, MapConfig, elevation_patch
+from planner.foresight import TrackLog
 from planner.frames import CameraView, CoverEstimate, Detection, GridMap, Percept, Perception, TrackedObstacle
 from planner.ground_segmentation import Scan
 from planner.oracle import TrueMap, true_cover, true_obstacles
@@ -77,6 +78,7 @@ class Perceiver:
         self._odometry, self._camera_period = Odometry(), sensing.camera_period
         self._map = ElevationMap(scenario.start.x, scenario.start.y, config)
         self._tracker, self._memory = ObstacleTracker(), CoverMemory()
+        self._log = TrackLog()
         self._spotter = Spotter()
         self._detections: tuple[Detection, ...] = ()
         self._view: CameraView | None = None
@@ -157,11 +159,12 @@ class Perceiver:
         patch, unknown = elevation_patch(grid, pose)
         points = obstacle_points(grid)
         known = self._spotter.known(self._scenario.observers)
+        self._log.see(time_s, moving)
         return Percept(
             time_s, self.perception, pose, twist, goal, grid, patch, unknown,
             nearest_points(points, pose), obstacle_distances(points, pose),
             moving, detections, cover, tuple(observer.id for observer in known),
-            tuple(self._eye(observer, time_s) for observer in known), known, view,
+            tuple(self._eye(observer, time_s) for observer in known), known, self._log.tracks(moving), view,
         )
 
     def __getstate__(self) -> dict[str, Any]:

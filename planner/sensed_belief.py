@@ -12,8 +12,9 @@ from scipy.ndimage import maximum_filter
 from planner.belief import BeliefConfig, evenly_drawn
 from planner.frames import GridMap, Percept
 from planner.line_of_sight import SEEN
+from planner.map_sight import MapSight
 from planner.posting import points_about
-from planner.sensed_exposure import MapSight, spread
+from planner.sensed_exposure import spread
 from planner.spotting import FIGURE_MIDDLE, SPOTTING_RANGE
 from scenes.robot import HUSKY
 

@@ -1,24 +1,17 @@
-"""What the observers that the robot knows see of it, as far as its own map tells.
-
-The map's ground and what stands or hangs over it (`GridMap.span`) take the place of the
-true scene. What the map does not know hides nothing, but for what a class of cover object tells that the
-camera has found: how much light a thing lets through, and that it has a back where the map has its face.
-"""
+"""What the observers that the robot knows see of it, as far as its own map tells (`planner.map_sight`)."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.ndimage import label
 
-from planner.elevation_map import without_gaps
-from planner.frames import CoverEstimate, GridMap, Percept
+from planner.frames import Percept
 from planner.hull_exposure import over_hull
 from planner.line_of_sight import View
-from planner.sensed_exposure_kernel import free_above, light_from
-from scenes.catalogue import CATALOGUE, CoverKind
+from planner.map_sight import MapSight
+from planner.pace import seconds_to
 from scenes.robot import HUSKY
 from scenes.scenario import Observer
 
@@ -28,55 +21,54 @@ STRIDE = 2
 BEAT_TIMES = (0.0, 4.0, 8.0, 12.0, 16.0, 20.0)
 """Seconds from now at which a patrol is looked for; the exposure is the mean over them."""
 
-BESIDE = 0.3  # metres outside a cover object's outline where returns are still its own
+ARRIVALS = (0.0, 2.0, 4.0, 6.0, 9.0, 12.0, 16.0, 20.0)
+"""Seconds from now at which those who walk are looked for by a robot that sets off now."""
 
-DEPTH = 0.6
-"""Shares of a class's usual width that an object reaches from its middle, where its own width does not say
-less: only its face shows, and a front alone would cast the shadow of a screen."""
-
-HOLLOW = frozenset({CoverKind.TREE, CoverKind.FENCE})
-"""Kinds that do not fill their outline from the ground up."""
-
-
-@dataclass(frozen=True, eq=False)
-class MapSight:
-    """Lines of sight over the robot's own map.
-
-    ground : (rows, cols) heights of `grid` without gaps; stops : those below which nothing is seen
-    low, high, opacity : as `occluders` returns them; free : heights above which nothing stops light
-    """
-
-    grid: GridMap
-    ground: np.ndarray
-    stops: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    free: np.ndarray
-    opacity: np.ndarray
-
-    @classmethod
-    def of(cls, percept: Percept) -> MapSight:
-        grid = percept.grid
-        ground = without_gaps(grid.elevation.astype(float))
-        stops = np.where(np.isnan(grid.elevation), -np.inf, ground)
-        low, high, opacity = occluders(percept)
-        return cls(grid, ground, stops, low, high, free_above(stops, low, high), opacity)
-
-    def light(self, eye: np.ndarray, row: np.ndarray, col: np.ndarray, heights: np.ndarray) -> np.ndarray:
-        """(k, h) float32 share of light that reaches an eye (3,) in the world, on the map or off it, from
-        `heights` (h,), ascending, over the ground of cells (k,)."""
-        grid = self.grid
-        on_map = np.array([eye[0] - grid.x_min, eye[1] - grid.y_min, eye[2]])
-        on_map[:2] /= grid.resolution
-        return light_from(
-            self.ground, self.stops, self.low, self.high, self.free, self.opacity, heights, row, col, on_map,
-            grid.resolution, HUSKY.inscribed_radius,
-        )  # fmt: skip
+UNSURE = (1.0, 0.25)
+"""Standard deviation of the arrival: seconds, and a share of the seconds till then."""
 
 
 def sensed_exposure(percept: Percept, on_map: MapSight | None = None) -> np.ndarray:
     """(rows, cols) float32 over `percept.grid`: the visible fraction, from 0 to 1, of a robot that stands in
-    each cell, the mean over its headings, united over the known observers. `on_map` spares its making.
+    each cell, the mean over its headings and over the beats of those who walk, united over the known
+    observers. `on_map` spares its making.
+    """
+    times = BEAT_TIMES if _somebody_walks(percept) else BEAT_TIMES[:1]
+    return _mean_exposure(percept, times, lambda _: np.full((len(times), 1), 1.0 / len(times)), on_map)
+
+
+def exposure_on_arrival(percept: Percept) -> np.ndarray:
+    """As `sensed_exposure`, but of a robot that sets off for each cell now: those who walk count where they
+    will be when it gets there."""
+    if not _somebody_walks(percept):
+        return sensed_exposure(percept)
+    return _mean_exposure(percept, ARRIVALS, lambda middle: _shares(percept, middle))
+
+
+def _somebody_walks(percept: Percept) -> bool:
+    return any(observer.patrol is not None for observer in percept.observers)
+
+
+def _shares(percept: Percept, middle: np.ndarray) -> np.ndarray:
+    """(times, cells) what each of `ARRIVALS` counts for cells (n, 3): most when the robot gets there, and the
+    later that is the less it is sure."""
+    arrival = np.minimum(seconds_to(percept.pose, middle[:, 0], middle[:, 1]), ARRIVALS[-1])
+    times = np.array(ARRIVALS)[:, None]
+    near = np.exp(-0.5 * ((times - arrival) / (UNSURE[0] + UNSURE[1] * arrival)) ** 2)
+    shares = np.gradient(times[:, 0])[:, None] * near
+    return shares / shares.sum(axis=0)
+
+
+def _mean_exposure(
+    percept: Percept,
+    times: Sequence[float],
+    shares: Callable[[np.ndarray], np.ndarray],
+    on_map: MapSight | None = None,
+) -> np.ndarray:
+    """The mean over times, seconds from now, of what the observers see.
+
+    shares : from the middles (n, 3) of robots that stand in n cells to what each time counts for them,
+        (times, n), or (times, 1) where that is the same for all
     """
     grid = percept.grid
     if not percept.observers:
@@ -86,8 +78,6 @@ def sensed_exposure(percept: Percept, on_map: MapSight | None = None) -> np.ndar
     rows, cols = (np.arange((size % STRIDE) // 2, size, STRIDE) for size in grid.shape)
     row, col = (part.ravel() for part in np.meshgrid(rows, cols, indexing="ij"))
     heights = np.unique(HUSKY.hull_points()[:, 2])
-    walks = any(observer.patrol is not None for observer in percept.observers)
-    times = BEAT_TIMES if walks else BEAT_TIMES[:1]
     light = np.zeros((len(row), len(heights)), np.float32)
     middle = np.column_stack(
         [
@@ -96,13 +86,16 @@ def sensed_exposure(percept: Percept, on_map: MapSight | None = None) -> np.ndar
             ground[row, col] + heights[-1],
         ]
     )
-    for ahead in times:
+    sights: dict[View, tuple[np.ndarray, np.ndarray]] = {}
+    for ahead, share in zip(times, shares(middle).astype(np.float32), strict=True):
         united = np.zeros_like(light)
         for view in views_on_map(percept, ground, ahead):
-            held = np.flatnonzero(view.holds(middle))
-            seen = on_map.light(view.eye, row[held], col[held], heights)
+            if view not in sights:
+                held = np.flatnonzero(view.holds(middle))
+                sights[view] = held, on_map.light(view.eye, row[held], col[held], heights)
+            held, seen = sights[view]
             united[held] = np.maximum(united[held], seen)
-        light += united / len(times)
+        light += share[:, None] * united
     levels = light.T.reshape(len(heights), len(rows), len(cols))
     coarse = over_hull(levels, STRIDE * grid.resolution).mean(axis=0)
     return spread(coarse, STRIDE, grid.shape)
@@ -111,61 +104,6 @@ def sensed_exposure(percept: Percept, on_map: MapSight | None = None) -> np.ndar
 def spread(coarse: np.ndarray, stride: int, shape: tuple[int, int]) -> np.ndarray:
     """A layer of `shape` from one whose every cell stands for `stride` cells each way."""
     return np.repeat(np.repeat(coarse, stride, axis=0), stride, axis=1)[: shape[0], : shape[1]]
-
-
-def occluders(percept: Percept) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(rows, cols) each: heights between which something hides, and the share of light that it stops."""
-    grid = percept.grid
-    low, high = grid.span.astype(float)
-    there = high > low
-    low[there & grid.obstacle] = -np.inf
-    opacity = np.ones(grid.shape)
-    blobs = np.zeros(grid.shape, np.int32)
-    label(there, structure=np.ones((3, 3)), output=blobs)
-    for thing in percept.cover:
-        radius = 0.5 * thing.width + BESIDE
-        row, col = _span(thing.y - grid.y_min, radius, grid, 0), _span(thing.x - grid.x_min, radius, grid, 1)
-        away = (thing.y - grid.y_min - row[:, None] * grid.resolution) ** 2
-        away = away + (thing.x - grid.x_min - col * grid.resolution) ** 2
-        block = np.ix_(row, col)
-        its = (away <= radius**2) & there[block]
-        # The beams end below the top of what is near and high; the camera has seen how high it is.
-        high[block] = np.where(its, np.maximum(high[block], thing.z + thing.height), high[block])
-        counts = np.bincount(blobs[block][its], minlength=1)
-        if counts.any():
-            whole = blobs == int(np.argmax(counts))
-            opacity[whole] = np.minimum(opacity[whole], CATALOGUE[thing.kind].opacity)
-        if thing.kind not in HOLLOW:
-            _fill(thing, block, away, (low, high, opacity))
-    return low, high, opacity
-
-
-def _fill(
-    thing: CoverEstimate,
-    block: tuple[np.ndarray, ...],
-    away: np.ndarray,
-    layers: tuple[np.ndarray, np.ndarray, np.ndarray],
-) -> None:
-    """Let an object stand where it must be, seen or not.
-
-    away : of the block's cells from its middle, metres squared; layers : as `occluders` returns them
-    """
-    entry, (low, high, opacity) = CATALOGUE[thing.kind], layers
-    inside = away <= min(DEPTH * entry.width.usual, 0.5 * thing.width) ** 2
-    its_low, its_high, its_opacity = low[block], high[block], opacity[block]
-    new = inside & ~(its_high > its_low)
-    its_opacity[new] = entry.opacity
-    its_high[inside] = np.where(new, -np.inf, its_high)[inside]
-    its_high[inside] = np.maximum(its_high[inside], thing.z + thing.height)
-    its_low[inside] = -np.inf
-    low[block], high[block], opacity[block] = its_low, its_high, its_opacity
-
-
-def _span(offset: float, radius: float, grid: GridMap, axis: int) -> np.ndarray:
-    """Indices of the cells along an axis that are at most `radius` from `offset` metres, on the map."""
-    first = max(math.ceil((offset - radius) / grid.resolution), 0)
-    last = min(math.floor((offset + radius) / grid.resolution), grid.shape[axis] - 1)
-    return np.arange(first, last + 1)
 
 
 def views_on_map(percept: Percept, ground: np.ndarray, ahead: float) -> list[View]:
@@ -187,4 +125,3 @@ def _view(
         observer.id, float(x), float(y), z, float(yaw),
         math.radians(observer.fov_horizontal), math.radians(observer.fov_vertical), observer.range,
     )  # fmt: skip
-

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from planner.braking import LevelBraking
 from planner.driver import Driver
 from planner.frames import Decision, Percept
 from planner.methods.covernav import CoverNav, CoverNavConfig
@@ -157,20 +156,14 @@ DEFAULT_METHOD = "least_cost"
 COMPARED = ("dwa", "ga_nav", "terp", "least_cost", "covernav_paper", "covernav", "route")
 """What is usually compared, of those that there are: the paper's methods, ours, and one that knows all."""
 
-def _braking_by_data_sheet() -> Method:
-    method = CoverNav()
-    method.driver.stopping = LevelBraking()
-    return method
-
-
 VARIANTS: Mapping[str, MethodEntry] = {
     "covernav[no_learning]": MethodEntry(
         lambda seed: CoverNav(),
-        "covernav without its network: it brakes gently before the goal.",
+        "covernav without its network: those who walk or drive about are thought to go straight on.",
     ),
-    "covernav[data_sheet]": MethodEntry(
-        lambda seed: _braking_by_data_sheet(),
-        "covernav with the braking distance of the Husky's data sheet instead of its network.",
+    "covernav[no_foresight]": MethodEntry(
+        lambda seed: CoverNav(CoverNavConfig(meeting=0.0)),
+        "covernav whose routes take no heed of those who walk or drive about.",
     ),
     "covernav[no_cover]": MethodEntry(
         lambda seed: _covernav(CoverNavConfig(cover=False)),

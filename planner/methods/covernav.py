@@ -9,13 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
+from planner.braking import LevelBraking
 from planner.cost_map import CostMap
+from planner.encounters import meeting_chance
+from planner.foresight import Foresight, straight_on
 from planner.frames import CostPatch, Decision, Percept, Perception
 from planner.hull_exposure import hull_exposure
 from planner.methods.least_cost import ASTRAY, LeastCost, LeastCostConfig, Plan
 from planner.pace import Pace
 from planner.route import Route, least_cost_route, route_cost
-from planner.sensed_exposure import sensed_exposure
+from planner.sensed_exposure import exposure_on_arrival, sensed_exposure
 from scenes.rays import RayScene
 from scenes.scenario import Observer, Scenario
 
@@ -35,6 +38,7 @@ class CoverNavConfig:
     slack : metres that a way begun may turn out longer
     length_share : metres in full view that a metre of way counts as, between routes
     failure : metres in full view that a metre counts as where a drive has failed
+    meeting : and where it would surely meet somebody who walks or drives about
     loyalty : metres in full view, and share of those ahead, that another route must spare to replace the
         present one: what the map tells changes as it grows, and a robot that follows every change dithers
     drawn : points, of 0..100, that full view has in the cost map that is drawn
@@ -51,6 +55,7 @@ class CoverNavConfig:
     detour: float = 1.2
     length_share: float = 0.03
     failure: float = 8.0
+    meeting: float = 8.0
     loyalty: tuple[float, float] = (0.5, 0.2)
     drawn: float = 50.0
     cover: bool = True
@@ -61,17 +66,24 @@ class CoverNavConfig:
 class CoverNav(LeastCost):
     """Of the routes for several weights of exposure it takes the least exposed that is not too long.
 
-    weights : of a network that knows how far the robot rolls on (`planner.stopping`), or of one that corrects
-        what its map tells of its exposure (`planner.exposure_network`); without them it brakes gently and
-        the map's word counts. Raises PolicyError for a file of neither.
+    weights : of a network that has learnt how people and vehicles go on (`planner.habits`), or of one that
+        corrects what its map tells of its exposure (`planner.exposure_network`). Raises PolicyError for a
+        file of neither
+    foresight : where those who walk or drive about go on to, where there is no network for that
     """
 
     name = "covernav"
 
-    def __init__(self, config: CoverNavConfig | None = None, weights: Path | None = None):
+    def __init__(
+        self,
+        config: CoverNavConfig | None = None,
+        weights: Path | None = None,
+        foresight: Foresight = straight_on,
+    ):
         self.covert = config or CoverNavConfig()
-        self._network = None
+        self._network, self._foresight = None, foresight
         super().__init__(self.covert.planner)
+        self.driver.stopping = LevelBraking()
         if weights is not None:
             self._learn_from(weights)
         self._scenario: Scenario | None = None
@@ -84,19 +96,19 @@ class CoverNav(LeastCost):
         from planner.checkpoint import PolicyError, read_tensors
         from planner.exposure_network import ARCHITECTURE as EXPOSURE
         from planner.exposure_network import load_network
-        from planner.stopping import ARCHITECTURE as STOPPING
-        from planner.stopping import load_stopping
+        from planner.habits import ARCHITECTURE as HABITS
+        from planner.habits import load_habits
 
         _, about, _ = read_tensors(weights)
         kind = about.get("architecture")
-        if kind == STOPPING:
-            self.driver.stopping, self.policy = load_stopping(weights)
+        if kind == HABITS:
+            self._foresight, self.policy = load_habits(weights)
         elif kind == EXPOSURE:
             self._network, self.policy = load_network(weights)
         else:
             raise PolicyError(
                 f"{weights} holds weights of the architecture {kind or 'none that it names'};"
-                f" covernav takes {STOPPING} and {EXPOSURE}"
+                f" covernav takes {HABITS} and {EXPOSURE}"
             )
 
     def brief(self, scenario: Scenario, rays: RayScene) -> None:
@@ -131,6 +143,8 @@ class CoverNav(LeastCost):
         start: tuple[int, int],
         goal: tuple[float, float],
     ) -> tuple[Route, np.ndarray, CostPatch]:
+        met = self._meeting(percept)
+        cost = cost + met
         best = shortest = least_cost_route(cost, cost_map.resolution, start, goal)
         seen = self._exposure(percept)
         patch = _with_exposure(cost_map, self.covert.drawn * seen)
@@ -144,7 +158,7 @@ class CoverNav(LeastCost):
         # Seconds in view count, and beside obstacles the robot is slow.
         pace = self.covert.pace
         in_view = seen * (pace.cruise / pace.speed(cost_map.clearance))
-        toll = in_view + self.covert.failure * cost_map.layers.get("shunned", 0.0) / 100.0
+        toll = in_view + met + self.covert.failure * cost_map.layers.get("shunned", 0.0) / 100.0
         self._terms = terms = _Terms(cost_map, toll, allowed, percept.goal, self.covert.length_share)
         # Were only the exposure to grow dear, the way would hug obstacles that the dynamic window keeps off.
         bad = toll + np.minimum(cost_map.total, 100.0) / 100.0
@@ -194,18 +208,24 @@ class CoverNav(LeastCost):
             return plan
         return replace(plan, cost=cost, points=rest, reason="")
 
+    def _meeting(self, percept: Percept) -> np.ndarray | float:
+        """(rows, cols) metres that a metre counts as for whom the robot may meet there; what is hardly likely
+        counts less than its chance, or the many ways that somebody may go would close every way."""
+        if not self.covert.meeting or not percept.moving:
+            return 0.0
+        return self.covert.meeting * meeting_chance(percept, self._foresight) ** 2
+
     def _exposure(self, percept: Percept) -> np.ndarray:
         """(rows, cols) float32 visible fraction over the percept's grid."""
         if percept.perception is Perception.ORACLE and self._scenario is not None and self._rays is not None:
             return self._true_exposure(percept, self._scenario, self._rays)
         if not self.covert.cover:
             percept = replace(percept, cover=())
-        sensed = sensed_exposure(percept)
         if self._network is None:
-            return sensed
+            return exposure_on_arrival(percept)
         from planner.exposure_network import corrected_exposure
 
-        return corrected_exposure(self._network, percept, sensed)
+        return corrected_exposure(self._network, percept, sensed_exposure(percept))
 
     def _true_exposure(self, percept: Percept, scenario: Scenario, rays: RayScene) -> np.ndarray:
         heightmap, grid = scenario.terrain.heightmap(), percept.grid

@@ -7,8 +7,8 @@ import pytest
 from maps import grid_map, percept
 
 from planner.belief import BeliefConfig
+from planner.map_sight import MapSight
 from planner.sensed_belief import SensedBelief
-from planner.sensed_exposure import MapSight
 from scenes.pose import Pose
 
 ROUTE = ((-3.0, -3.0), (-3.0, 3.0))

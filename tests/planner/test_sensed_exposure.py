@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from maps import grid_map, percept
 
 from planner.frames import CoverEstimate
-from planner.sensed_exposure import STRIDE, sensed_exposure
+from planner.sensed_exposure import STRIDE, exposure_on_arrival, sensed_exposure
 from planner.sensed_exposure_kernel import DARK, FIGURE, free_above, light_from
 from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.pose import Pose
@@ -116,6 +116,23 @@ def test_a_patrol_counts_with_the_mean_over_its_beat() -> None:
     walker = EAST.model_copy(update={"patrol": beat, "fov_horizontal": 360.0})
     some = at(sensed_exposure(known(grid, walker)), grid, 1.0, 0.0)
     assert 0.0 < some < 1.0
+
+
+def test_on_arrival_a_patrol_is_where_it_will_be_then() -> None:
+    grid = standing(grid_map(), lambda x, y: (abs(x - 3.0) < 0.15) & (abs(y) < 1.5))
+    beat = Patrol(waypoints=(Point(x=7.0, y=7.5),), speed=1.5, loop=False)  # up in 5 s, and back
+    walker = EAST.model_copy(update={"patrol": beat})
+    seen, mean = exposure_on_arrival(known(grid, walker)), sensed_exposure(known(grid, walker))
+    # Behind the wall from where it is now, and when it will be back, not from where it is in between.
+    assert at(seen, grid, 0.5, 0.0) < 0.5 * at(mean, grid, 0.5, 0.0)
+    assert seen.min() >= 0.0 and seen.max() <= 1.0 + 1e-6
+
+
+def test_on_arrival_those_who_stand_count_as_ever() -> None:
+    grid = standing(grid_map(), lambda x, y: (abs(x - 3.0) < 0.15) & (abs(y) < 1.5))
+    np.testing.assert_array_equal(
+        exposure_on_arrival(known(grid, EAST)), sensed_exposure(known(grid, EAST))
+    )
 
 
 def test_the_grid_is_covered_to_its_last_cell() -> None:
