@@ -166,7 +166,8 @@ def learn(folder: Path, lessons: Lessons) -> Iterator[tuple[Score, bool]]:
             optimiser.step()
             schedule.step()
         with torch.inference_mode():
-            now = Score(*(float(loss) for loss in losses(network, *held_out)), *usual)
+            turn, angle = losses(network, *held_out)
+        now = Score(float(turn), float(angle), *usual)
         better = now.total < best
         if better:
             best = now.total

@@ -72,7 +72,7 @@ class LearnedHabits:
         self._known: dict[int, tuple[float, float, Walks]] = {}
 
     def __call__(self, obstacle: TrackedObstacle, track: Track, times: Sequence[float]) -> Foreseen:
-        """Its walk goes on in `WAYS` ways; it stays where it is while nobody has seen it go anywhere."""
+        """Its walk goes on in `WAYS` ways, straight on while nobody has seen it go anywhere."""
         walk = self._remembered(obstacle, track)
         if not walk.speed[0] > 0.0:
             return straight_on(obstacle, track, times)

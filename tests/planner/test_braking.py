@@ -10,7 +10,8 @@ from scenes_to_hide_in import flat
 from planner.braking import LevelBraking
 from planner.cost_map import CostConfig, ground_near
 from planner.driver import Driver
-from planner.methods import make_method
+from planner.methods.covernav import CoverNav
+from planner.methods.least_cost import LeastCost
 from scenes.physics import World
 from scenes.pose import Pose, Twist
 from scenes.robot import HUSKY
@@ -36,8 +37,8 @@ def test_the_husky_does_on_level_ground(speed):
 
 
 def test_covernav_brakes_late_and_least_cost_gently():
-    assert isinstance(make_method("covernav").driver.stopping, LevelBraking)
-    assert make_method("least_cost").driver.stopping is None
+    assert isinstance(CoverNav().driver.stopping, LevelBraking)
+    assert LeastCost().driver.stopping is None
 
 
 class AtOnce:

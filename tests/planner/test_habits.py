@@ -142,5 +142,6 @@ def test_covernav_leads_its_way_past_somebody_who_comes():
     straight = method.decide(replace(now, moving=()))
     method.reset()
     around = method.decide(replace(now, tracks={1: track}))
+    assert straight.route is not None and around.route is not None
     assert np.abs(straight.route[:, 1]).max() < 0.3
     assert np.abs(around.route[:, 1]).max() > 0.6
