@@ -41,8 +41,8 @@ def meeting_chance(percept: Percept, foresight: Foresight) -> np.ndarray:
     timely[:, arrival > AHEAD[-1]] = 0.0
     free = np.ones(len(x))
     for one in percept.moving:
-        foreseen = foresight(one, _track(percept, one), (percept.time_s + AHEAD).tolist())
-        free *= 1.0 - (timely * _there(one, foreseen.poses, x, y)).max(axis=0)
+        poses = foresight(one, _track(percept, one), (percept.time_s + AHEAD).tolist())
+        free *= 1.0 - (timely * _there(one, poses, x, y)).max(axis=0)
     block = chance[window]
     block[:] = (1.0 - free).reshape(block.shape)
     block[np.hypot(x - pose.x, y - pose.y).reshape(block.shape) > REACH] = 0.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -21,28 +20,23 @@ REMEMBERED = 120
 """Sightings of each obstacle."""
 
 
-@dataclass(frozen=True, eq=False)
-class Foreseen:
-    """poses : (times, n, 3) world x and y in metres and heading in radians, n ways that are evenly likely"""
-
-    poses: np.ndarray
-
-
 class Foresight(Protocol):
     """Tells where a moving obstacle goes on to."""
 
-    def __call__(self, obstacle: TrackedObstacle, track: Track, times: Sequence[float]) -> Foreseen:
-        """track : of the obstacle, one sighting at least; times : seconds of the mission's clock, ascending,
+    def __call__(self, obstacle: TrackedObstacle, track: Track, times: Sequence[float]) -> np.ndarray:
+        """(times, n, 3) world x and y in metres and heading in radians on n ways that are evenly likely.
+
+        track : of the obstacle, one sighting at least; times : seconds of the mission's clock, ascending,
         none before the track's end"""
         ...
 
 
-def straight_on(obstacle: TrackedObstacle, track: Track, times: Sequence[float]) -> Foreseen:
+def straight_on(obstacle: TrackedObstacle, track: Track, times: Sequence[float]) -> np.ndarray:
     """At its present velocity for ever (Seder and Petrović 2007)."""
     ahead = np.array(times)[:, None] - track[-1, 0]
     place = np.array([obstacle.x, obstacle.y]) + ahead * (obstacle.vx, obstacle.vy)
     heading = np.full(len(place), np.arctan2(obstacle.vy, obstacle.vx))
-    return Foreseen(np.column_stack([place, heading])[:, None])
+    return np.column_stack([place, heading])[:, None]
 
 
 class TrackLog:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from planner.checkpoint import PolicyError, PolicyName, load_weights, read_tensors, weights, write_tensors
-from planner.foresight import Foreseen, Track, straight_on
+from planner.foresight import Track, straight_on
 from planner.frames import TrackedObstacle
 from planner.walks import FEATURES, STEP, Walks
 from scenes.scenario import ObstacleKind
@@ -71,7 +71,7 @@ class LearnedHabits:
         self._network = network.eval()
         self._known: dict[int, tuple[float, float, Walks]] = {}
 
-    def __call__(self, obstacle: TrackedObstacle, track: Track, times: Sequence[float]) -> Foreseen:
+    def __call__(self, obstacle: TrackedObstacle, track: Track, times: Sequence[float]) -> np.ndarray:
         """Its walk goes on in `WAYS` ways, straight on while nobody has seen it go anywhere."""
         walk = self._remembered(obstacle, track)
         if not walk.speed[0] > 0.0:
@@ -89,7 +89,7 @@ class LearnedHabits:
                 seconds = min(STEP, until - float(walks.time[0]))
                 walks.go(seconds, self._turn(walks, seconds, turns))
             poses[index, :, :2], poses[index, :, 2] = walks.position, walks.heading
-        return Foreseen(poses)
+        return poses
 
     def _remembered(self, obstacle: TrackedObstacle, track: Track) -> Walks:
         """One walk as its sightings tell."""

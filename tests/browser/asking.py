@@ -8,7 +8,7 @@ from typing import Any
 from playwright.sync_api import FrameLocator, Page
 
 TOKEN = "browser-test"
-PATIENCE_MS = 240_000  # software rendering on a busy machine
+PATIENCE_MS = 120_000  # software rendering on a busy machine
 
 
 def open_tab(page: Page, name: str) -> FrameLocator:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from maps import grid_map, percept
 
 from planner.encounters import REACH, meeting_chance
-from planner.foresight import Foreseen, TrackLog, straight_on
+from planner.foresight import TrackLog, straight_on
 from planner.frames import TrackedObstacle
 from planner.pace import seconds_to
 from scenes.pose import Pose
@@ -49,7 +49,7 @@ def test_who_walks_is_met_where_both_come_at_the_same_time() -> None:
 
 def test_ways_that_are_as_likely_share_the_chance() -> None:
     def either(obstacle, track, times):
-        return Foreseen(np.array([[(2.0, 0.0, 0.0), (-2.0, 0.0, 0.0)]] * len(times)))
+        return np.array([[(2.0, 0.0, 0.0), (-2.0, 0.0, 0.0)]] * len(times))
 
     at = chance(person(0.0, 3.0), foresight=either)
     assert at(2.0, 0.0) == pytest.approx(0.5, abs=0.02) and at(-2.0, 0.0) == pytest.approx(0.5, abs=0.02)
@@ -77,6 +77,6 @@ def test_a_track_is_remembered_every_half_second_and_its_newest_sighting_always(
 
 
 def test_straight_on_is_at_the_present_velocity_for_ever() -> None:
-    poses = straight_on(person(1.0, 2.0, 0.5, -1.0), np.array([[4.0, 1.0, 2.0, 0.5, -1.0]]), [4.0, 6.0]).poses
+    poses = straight_on(person(1.0, 2.0, 0.5, -1.0), np.array([[4.0, 1.0, 2.0, 0.5, -1.0]]), [4.0, 6.0])
     np.testing.assert_allclose(poses[:, 0, :2], [[1.0, 2.0], [2.0, 0.0]])
     np.testing.assert_allclose(poses[:, 0, 2], math.atan2(-1.0, 0.5))

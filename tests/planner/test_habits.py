@@ -58,9 +58,9 @@ def test_the_same_track_gives_the_same_ways_and_as_many_times_as_asked_for():
     habits = LearnedHabits(HabitNetwork())
     walker, track = tracked([(0.0, 0.0), (9.0, 0.0)], 1.0, 5.0)
     times = [5.0, 6.0, 9.0]
-    one, two = (habits(walker, track, times).poses for _ in range(2))
+    one, two = (habits(walker, track, times) for _ in range(2))
     np.testing.assert_array_equal(one, two)
-    np.testing.assert_array_equal(one, LearnedHabits(habits._network)(walker, track, times).poses)
+    np.testing.assert_array_equal(one, LearnedHabits(habits._network)(walker, track, times))
     assert one.shape == (3, WAYS, 3)
     np.testing.assert_allclose(one[0, :, :2], [[5.0, 0.0]] * WAYS, atol=1e-6)
 
@@ -68,20 +68,20 @@ def test_the_same_track_gives_the_same_ways_and_as_many_times_as_asked_for():
 def test_who_was_seen_once_goes_on_as_it_does():
     walker = TrackedObstacle(1, ObstacleKind.PERSON, 0.0, 0.0, 1.0, 0.0, 0.25)
     track = np.array([[0.0, 0.0, 0.0, 1.0, 0.0]])
-    poses = LearnedHabits(HabitNetwork())(walker, track, [0.0, 2.0]).poses
+    poses = LearnedHabits(HabitNetwork())(walker, track, [0.0, 2.0])
     np.testing.assert_allclose(poses[1, 0], (2.0, 0.0, 0.0))
 
 
 def test_the_shipped_weights_know_a_beat_that_they_have_seen():
     walker, track = tracked([(0.0, 0.0), (9.0, 0.0)], 1.0, 26.0)  # at 8 m, on the way to 9 m again
-    poses = load_habits(SHIPPED)[0](walker, track, [26.0, 29.0]).poses
+    poses = load_habits(SHIPPED)[0](walker, track, [26.0, 29.0])
     true, _, _ = patrol_pose([(0.0, 0.0), (9.0, 0.0)], 1.0, False, 0.0, 29.0)
     assert np.abs(poses[1, :, 0] - true).mean() < 0.8 and np.abs(poses[1, :, 1]).max() < 0.1
 
 
 def test_the_shipped_weights_are_unsure_where_somebody_turns_for_the_first_time():
     walker, track = tracked([(0.0, 0.0), (40.0, 0.0)], 1.0, 4.0)
-    ends = load_habits(SHIPPED)[0](walker, track, [4.0, 12.0]).poses[1, :, 0]
+    ends = load_habits(SHIPPED)[0](walker, track, [4.0, 12.0])[1, :, 0]
     assert ends.max() == pytest.approx(12.0, abs=0.1) and ends.min() < 10.0
 
 
@@ -93,8 +93,8 @@ def test_weights_come_back_and_others_are_refused(tmp_path):
     taught, again = load_habits(tmp_path / "w.safetensors")
     walker, track = tracked([(0.0, 0.0), (9.0, 0.0)], 1.0, 5.0)
     assert again == named
-    expected = LearnedHabits(network)(walker, track, [7.0]).poses
-    np.testing.assert_array_equal(taught(walker, track, [7.0]).poses, expected)
+    expected = LearnedHabits(network)(walker, track, [7.0])
+    np.testing.assert_array_equal(taught(walker, track, [7.0]), expected)
     save_network(tmp_path / "other.safetensors", ExposureNetwork((8, 8, 8)))
     with pytest.raises(PolicyError, match="exposure_unet"):
         load_habits(tmp_path / "other.safetensors")
