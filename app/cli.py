@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from app import evaluate_command, train_command
-from app.output import write_json, write_text
+from app.output import check_target, write_json, write_text
 
 # one thread a process for the numeric libraries, which read this once: the processes share the cores
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -194,12 +194,13 @@ def _run(arguments: argparse.Namespace) -> None:
     from planner.warm_up import warm_up
     from scenes.scenario import Point
 
+    check_target(arguments.json, Refusal)
     scenario = _open(arguments.scenario)
     if arguments.goal:
         scenario = scenario.revised(goal=Point(x=arguments.goal[0], y=arguments.goal[1]))
     if arguments.motion != "dwa":
         arguments.method += f"+{arguments.motion}"
-    _check_methods([arguments.method])
+    _check_method(arguments.method)
     warm_up()
     mission = Mission(
         scenario,
@@ -246,16 +247,13 @@ def _record(folder: Path, scenario: Any, summary: dict[str, Any], frames: list) 
         raise Refusal(f"{folder} cannot be written: {error.strerror or error}") from None
 
 
-def _check_methods(names: Sequence[str]) -> None:
-    from planner.methods import METHODS, with_motion
+def _check_method(name: str) -> None:
+    from planner.methods import make_method
 
-    for name in names:
-        try:
-            method, _ = with_motion(name)
-        except ValueError as error:
-            raise Refusal(str(error)) from None
-        if method not in METHODS:
-            raise Refusal(f"there is no method {method!r}; choose one of {', '.join(METHODS)}")
+    try:
+        make_method(name)
+    except ValueError as error:  # unknown, or without usable weights
+        raise Refusal(str(error)) from None
 
 
 def _list(_: argparse.Namespace) -> None:
@@ -321,6 +319,7 @@ def _bench(arguments: argparse.Namespace) -> None:
 
     if arguments.only is not None and arguments.only not in CASES:
         raise Refusal(f"there is no bench {arguments.only!r}; choose one of {', '.join(CASES)}")
+    check_target(arguments.json, Refusal)
     results = run(arguments.only)
     _print_json(arguments.json, results)
     if arguments.json != "-":

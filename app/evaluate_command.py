@@ -15,7 +15,7 @@ from typing import Any
 
 from app.output import check_target, write_json
 
-METHODS_HELP = "all, ablations, or names between commas; NAME@WEIGHTS drives with other weights"
+METHODS_HELP = "all, ablations, or names between commas; NAME@WEIGHTS drives with the weights of a file"
 
 
 class EvaluationRefusal(ValueError):
@@ -69,6 +69,9 @@ def evaluate_methods(arguments: argparse.Namespace) -> None:
         raise EvaluationRefusal(f"{arguments.out} cannot be written: {error.strerror or error}") from None
     except JournalError as error:
         raise EvaluationRefusal(str(error)) from None
+    if journal.damaged:
+        words = f"{journal.damaged} lines of {journal.path} are damaged; what they held is driven again"
+        print(f"covernav: {words}", file=sys.stderr)
     try:
         with journal:
             _check_kept(arguments.out, [journal.results[spec] for spec in wanted if spec in journal.results])
@@ -118,8 +121,13 @@ def _check_kept(folder: Path, kept: Sequence[dict[str, Any]]) -> None:
     from planner.methods import make_method, policies_of
 
     for name in dict.fromkeys(mission["method"] for mission in kept):
-        now = next(iter(policies_of(make_method(name))), None)
-        if any(mission.get("policy") != now for mission in kept if mission["method"] == name):
+        now = {policy["sha256"] for policy in policies_of(make_method(name))}
+        then = (
+            {mission[key]["sha256"] for key in ("policy", "motion_policy") if mission.get(key)}
+            for mission in kept
+            if mission["method"] == name
+        )
+        if any(policies != now for policies in then):
             raise EvaluationRefusal(
                 f"{folder} holds drives of {name} with other weights than it has now; name another folder"
             )
@@ -222,8 +230,9 @@ def _keep(folder: Path, missions: list[dict[str, Any]], title: str) -> None:
     missions = in_order(missions)
     table = _document(missions, None)
     write_atomically(folder / "table.json", json.dumps(table, indent=1, allow_nan=False) + "\n")
-    write_atomically(folder / "table.csv", csv_table(table["rows"], table["bounds"]))
-    results_store.write(folder / results_store.NAME, missions, title)
+    write_atomically(folder / "table.csv", csv_table(*_all_rows(table)))
+    if missions:
+        results_store.write(folder / results_store.NAME, missions, title)
 
 
 def in_order(missions: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -235,15 +244,21 @@ def in_order(missions: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def _document(missions: list[dict[str, Any]], pairs: tuple[Sequence[str], str] | None) -> dict[str, Any]:
     from app.results_store import versions
-    from planner.evaluation_table import bounds, tabulate
+    from planner.evaluation_table import bounds, tabulate, totals
     from planner.paired import paired
 
     document: dict[str, Any] = {"rows": tabulate(missions), "bounds": bounds(missions)}
+    document["totals"], document["total_bounds"] = totals(missions)
     if pairs is not None:
         methods, against = pairs
         others = [name for name in methods if name != against]
         document["paired"] = [row for name in others for row in paired(missions, name, against)]
     return document | {"versions": versions(missions)}
+
+
+def _all_rows(document: dict[str, Any]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """The methods' rows and the bound's, those over all terrains last."""
+    return document["rows"] + document["totals"], document["bounds"] + document["total_bounds"]
 
 
 def _report(
@@ -260,16 +275,19 @@ def _report(
         print(f"covernav: {count} missions could not be driven: {reason}", file=sys.stderr)
     if stopped:
         out = arguments.out
-        kept = "nothing is kept without --out" if out is None else f"the same command goes on in {out}"
-        print(f"covernav: {len(missions)} missions are finished; {kept}", file=sys.stderr)
-        raise KeyboardInterrupt
-    if missions and sum(reasons(missions).values()) == len(missions):
+        rest = "with --out they would be kept" if out is None else f"the same command goes on in {out}"
+        print(f"covernav: {len(missions)} missions are finished; {rest}", file=sys.stderr)
+        if not missions:
+            raise KeyboardInterrupt
+    elif missions and sum(reasons(missions).values()) == len(missions):
         raise EvaluationFailure("no mission could be driven; the reason stands above")
     document = _document(in_order(missions), (methods, against))
     if arguments.json != "-":
-        print(markdown(document["rows"], document["bounds"]))
+        print(markdown(*_all_rows(document)))
         if arguments.against is not None and document["paired"]:
             print("\n" + paired_markdown(document["paired"]))
     if arguments.json is not None:
         plain = [{k: v for k, v in m.items() if k not in ("trajectory", "scene")} for m in in_order(missions)]
         write_json(arguments.json, document | {"missions": plain}, EvaluationRefusal)
+    if stopped:
+        raise KeyboardInterrupt

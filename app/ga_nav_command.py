@@ -33,7 +33,7 @@ def teach(arguments: argparse.Namespace) -> None:
     if (arguments.dataset is None) != (arguments.data is None):
         raise TrainingRefusal("--dataset and --data go together: which data set, and where it lies")
     folder = arguments.out or Path("training-ga_nav")
-    with learning_in(folder):
+    with learning_in(folder, "ga_nav"):
         _learn(arguments, folder)
 
 
@@ -50,7 +50,10 @@ def _learn(arguments: argparse.Namespace, folder: Path) -> None:
     course = Course(arguments.epochs or usual.epochs, seed)
     scenes, held_out = arguments.scenes or usual.scenes, arguments.held_out or usual.held_out
     lessons = Lessons(scenes, held_out, seed, course.epochs)
-    split, about = _data_set(arguments) if arguments.dataset else _scenes(folder, lessons, arguments.jobs)
+    if arguments.dataset is None:
+        split, about = _scenes(folder, lessons, arguments.jobs or 2)
+    else:
+        split, about = _data_set(arguments)
     begun = arguments.begin_with
     if begun is not None:
         about |= _beginning(begun, about)

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from app.output import learning_in
+from app.output import held, learning_in
 
 
 def add_arguments(train: argparse.ArgumentParser, whole: Callable[[int, int], Any]) -> None:
@@ -32,8 +32,8 @@ def teach(arguments: argparse.Namespace) -> None:
     lessons = MotionLessons(arguments.decisions or usual.decisions, arguments.seed or 0)
     best = None
     weights = folder / "dwa_rl.safetensors"
-    with learning_in(folder):
-        if any(folder.iterdir()):
+    with learning_in(folder, "dwa_rl"):
+        if held(folder):
             raise TrainingRefusal(f"{folder} is not empty; name another folder with --out")
         (folder / "settings.json").write_text(json.dumps(asdict(lessons), indent=1) + "\n", "utf-8")
         bar = tqdm(total=lessons.decisions, disable=None, unit="decision", file=sys.stderr)

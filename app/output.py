@@ -15,14 +15,14 @@ def check_target(target: str | None, refusal: type[Exception]) -> None:
     """Raises `refusal` where nothing can be written there, before hours have gone into what would be."""
     if target is None or target == "-":
         return
-    path = Path(target)
-    if path.is_dir():
-        raise refusal(f"{target} cannot be written: it is a folder")
-    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    path = folder = Path(target)
     try:
+        if path.is_dir():
+            raise refusal(f"{target} cannot be written: it is a folder")
+        folder = next(parent for parent in path.absolute().parents if parent.exists())
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        raise refusal(f"{target} cannot be written: {folder}: {error.strerror or error}") from None
+        raise refusal(f"{target:.200} cannot be written: {folder}: {error.strerror or error}") from None
 
 
 def write_text(target: str, text: str, refusal: type[Exception]) -> None:
@@ -44,18 +44,43 @@ def write_json(target: str, document: Any, refusal: type[Exception]) -> None:
     write_text(target, json.dumps(document, indent=1, allow_nan=False) + "\n", refusal)
 
 
+LEARNER = "learner"
+"""A file in the folder of a training, which says whose it is."""
+
+
 @contextmanager
-def learning_in(folder: Path) -> Iterator[None]:
-    """Make the folder that a training is to fill. Raises TrainingRefusal where it cannot be, TrainingError
-    where it cannot be written later on."""
+def learning_in(folder: Path, learner: str) -> Iterator[None]:
+    """Make the folder that a training is to fill, and hold it. Raises TrainingRefusal where that cannot be,
+    where it holds something else and while another trains in it; TrainingError where it cannot be written
+    later on."""
+    from planner.folder_lock import FolderInUse, FolderLock
     from planner.learning_errors import TrainingError, TrainingRefusal
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        lock = FolderLock(folder)
+    except FolderInUse as error:
+        words = f"process {error.holder} trains in {folder} already; choose another"
+        raise TrainingRefusal(words) from None
     except OSError as error:
         raise TrainingRefusal(f"{folder} cannot be written: {error.strerror or error}") from None
     try:
+        mark = folder / LEARNER
+        if mark.is_file() and mark.read_text("utf-8", "replace").strip() != learner:
+            raise TrainingRefusal(f"{folder} holds a training of another learner; name another with --out")
+        if not mark.is_file() and (strange := held(folder)):
+            raise TrainingRefusal(f"{folder} is not empty (it has {strange[0]!r}); name another with --out")
+        mark.write_text(f"{learner}\n", "utf-8")
         yield
     except OSError as error:
         words = f"{folder} cannot be written: {error.strerror or error}"
         raise TrainingError(f"{words}; what was finished in it is kept") from None
+    finally:
+        lock.close()
+
+
+def held(folder: Path) -> list[str]:
+    """What is in a training's folder besides the marks of `learning_in`."""
+    from planner.folder_lock import NAME
+
+    return sorted(entry.name for entry in folder.iterdir() if entry.name not in (NAME, LEARNER))

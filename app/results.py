@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import threading
@@ -15,16 +16,15 @@ from typing import Any
 
 from app.results_store import ResultsError, ResultsFile
 from app.store import ID_PATTERN, MAX_ID, UnknownEntry
-from planner.evaluation_table import GROUPED_BY, Row, bounds, grouped, tabulate
+from planner.evaluation_table import KIND, Row, bounds, grouped, method_order, tabulate, totals
 from planner.methods import METHODS, VARIANTS
 from planner.paired import paired
 from planner.trajectory import Trajectory
+from scenes.scenario import Family
 
 SAMPLE = Path(__file__).parents[1] / "static" / "results.sqlite"
 SAMPLE_ID = "sample"
 KEPT = 4
-KIND = {name: usual for name, usual in GROUPED_BY.items() if name not in ("terrain", "method")}
-"""What sets kinds of missions apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,20 +53,38 @@ class Evaluation:
         return bounds(self.missions)
 
     @cached_property
-    def methods(self) -> list[str]:
-        return list(dict.fromkeys(row["method"] for row in self.rows))
+    def totals(self) -> tuple[list[Row], list[Row]]:
+        """The methods' rows and the bound's over all terrains together."""
+        return totals(self.missions)
+
+    @property
+    def table(self) -> tuple[list[Row], list[Row]]:
+        """All rows of the methods and of the bound, those over all terrains last."""
+        rows, bounds = self.totals
+        return self.rows + rows, self.bounds + bounds
 
     @cached_property
-    def kinds(self) -> list[dict[str, Any]]:
-        """The kinds of missions, the one with the most first."""
+    def methods(self) -> list[str]:
+        return sorted({mission["method"] for mission in self.missions}, key=method_order)
+
+    @cached_property
+    def _by_kind(self) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
         groups = grouped(self.missions, KIND)
         keys = sorted(groups, key=lambda key: (-len(groups[key]), key))
-        return [dict(zip(KIND, key, strict=True)) for key in keys]
+        return [
+            (dict(zip(KIND, key, strict=True)), sorted(groups[key], key=lambda mission: mission["id"]))
+            for key in keys
+        ]
+
+    @property
+    def kinds(self) -> list[dict[str, Any]]:
+        """The kinds of missions, the one with the most first."""
+        return [kind for kind, _ in self._by_kind]
 
     def of_kind(self, number: int) -> list[dict[str, Any]]:
-        """Missions of a kind, by terrain, seed and method. Raises UnknownEntry."""
-        kind = self.kind(number)
-        return [m for m in self.missions if all(m.get(name, KIND[name]) == kind[name] for name in kind)]
+        """Missions of a kind, in the file's order. Raises UnknownEntry."""
+        self.kind(number)
+        return self._by_kind[number][1]
 
     def kind(self, number: int) -> dict[str, Any]:
         if not 0 <= number < len(self.kinds):
@@ -84,7 +102,11 @@ class Evaluation:
         wanted = _place(self.mission(mission_id))
         alike = [mission for mission in self.missions if mission["drawn"] and _place(mission) == wanted]
         alike.sort(key=lambda mission: self.methods.index(mission["method"]))
-        return [self.drive(mission["id"]) for mission in alike]
+        found = []
+        for mission in alike:
+            with contextlib.suppress(ResultsError):  # one way that is damaged does not hide the others
+                found.append(self.drive(mission["id"]))
+        return found
 
     def drive(self, mission_id: int) -> Drive:
         """Raises UnknownEntry."""
@@ -120,12 +142,22 @@ def _place(mission: dict[str, Any]) -> tuple:
     return mission["terrain"], mission["seed"], *(mission.get(name, usual) for name, usual in KIND.items())
 
 
+Version = tuple[Path, int, int]
+
+
+def _version(path: Path) -> Version:
+    """What is another once the file is. Raises OSError."""
+    stat = path.stat()
+    return path, stat.st_mtime_ns, stat.st_size
+
+
 class ResultsLibrary:
     """Finds evaluations by id; those that were read stay in memory, at most `KEPT`."""
 
     def __init__(self, workspace: Path, sample: Path = SAMPLE) -> None:
         self._folder, self._sample = workspace / "results", sample
-        self._read: OrderedDict[tuple[Path, int, int], Evaluation] = OrderedDict()
+        self._read: OrderedDict[Version, Evaluation] = OrderedDict()
+        self._listed: dict[Path, tuple[Version, dict[str, Any]]] = {}
         self._reading = threading.Lock()
         self._naming = threading.Lock()
 
@@ -142,16 +174,23 @@ class ResultsLibrary:
     def _entry(self, path: Path) -> dict[str, Any]:
         head = {"id": self._id(path), "shipped": path == self._sample}
         try:
+            now = _version(path)
+            known, entry = self._listed.get(path, (None, {}))
+            if known == now:
+                return entry
             found = self._load(path)
         except (ResultsError, OSError) as error:  # such as a link to what is gone
             words = str(error) if isinstance(error, ResultsError) else f"{path.name} cannot be read"
             nothing = {"title": path.stem, "missions": 0, "methods": [], "terrains": []}
             return head | nothing | {"problem": words}
-        terrains = list(dict.fromkeys(row["terrain"] for row in found.rows))
-        return head | {
+        driven = {mission["terrain"] for mission in found.missions}
+        terrains = [family.value for family in Family if family in driven]
+        entry = head | {
             "title": found.title, "missions": len(found.missions), "methods": found.methods,
             "terrains": terrains, "problem": None,
         }  # fmt: skip
+        self._listed[path] = now, entry
+        return entry
 
     def path(self, results_id: str) -> Path:
         """Raises UnknownEntry."""
@@ -168,8 +207,7 @@ class ResultsLibrary:
         return self._load(self.path(results_id))
 
     def _load(self, path: Path) -> Evaluation:
-        stat = path.stat()
-        key = path, stat.st_mtime_ns, stat.st_size
+        key = _version(path)
         with self._reading:
             if key not in self._read:
                 self._read[key] = Evaluation(path)

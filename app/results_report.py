@@ -13,6 +13,7 @@ from app.results_figures import Theme, distributions, render, success_against_ex
 from app.results_map import Grounds
 from app.results_tables import BOUND, COLUMNS, PAPER_FORMATS, around, kind_words, shown
 from app.store import UnknownEntry
+from planner.evaluation_table import ALL_TERRAINS
 from scenes.scenario import ScenarioError
 
 BESIDE_EXPOSURE = "Success against exposure, with 95 % intervals; the dashed line is the least exposed route"
@@ -51,16 +52,17 @@ def _kind(found: Evaluation, number: int, grounds: Grounds) -> str:
     kind = found.kind(number)
     rows, bounds = (
         [row for row in them if all(row[name] == kind[name] for name in kind)]
-        for them in (found.rows, found.bounds)
+        for them in found.table
     )
     missions = found.of_kind(number)
+    by_terrain = [[row for row in them if row["terrain"] != ALL_TERRAINS] for them in (rows, bounds)]
     parts = [
         f"<h2>{escape(kind_words(kind))}</h2>",
         table(rows, bounds),
-        _figure(partial(success_against_exposure, rows, bounds), BESIDE_EXPOSURE, number),
+        _figure(partial(success_against_exposure, *by_terrain), BESIDE_EXPOSURE, number),
         _figure(partial(distributions, missions, found.methods), SPREAD, number),
     ]
-    for terrain in dict.fromkeys(row["terrain"] for row in rows):
+    for terrain in dict.fromkeys(row["terrain"] for row in by_terrain[0]):
         example = next((m for m in missions if m["terrain"] == terrain and m["drawn"]), None)
         if example is not None:
             parts.append(_example(found, example, grounds, number))
@@ -73,6 +75,8 @@ def _example(found: Evaluation, mission: dict[str, Any], grounds: Grounds, numbe
     except (ScenarioError, UnknownEntry) as error:
         return f"<p class=quiet>{escape(str(error))}</p>"
     ways = [(drive.mission["method"], drive.trajectory) for drive in found.drives(mission["id"])]
+    if not ways:
+        return f"<p class=quiet>the ways of {escape(mission['terrain'])} are damaged</p>"
     caption = f"{mission['terrain']}, seed {mission['seed']}"
     return _figure(partial(trajectories, ground, ways), caption, number)
 

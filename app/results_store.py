@@ -18,12 +18,13 @@ from typing import Any
 
 from app.changes import StudioError
 from planner.evaluation import MissionSpec
-from planner.evaluation_table import REFERENCE
+from planner.evaluation_table import KIND, REFERENCE, grouped
 from planner.trajectory import Trajectory
 
 FORMAT = "covernav evaluation 1"
 NAME = "results.sqlite"
 MOST_MISSIONS = 200_000
+MOST_KINDS = 200
 MOST_BYTES = 2**20  # of one mission's figures, way or scene
 MOST_STEPS = 2000  # of SQLite's machine, in thousands, for one question
 MOST_SAMPLES = 100_000
@@ -55,9 +56,10 @@ class ResultsError(StudioError):
 
 
 def versions(missions: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Of what the figures of missions depend on; `code`: every code that drove them, as far as they say."""
+    """Of what the figures of missions depend on; `code`: every code that drove them, `unknown` where they
+    do not say."""
     names = ("covernav-studio", "numpy", "numba", "pybullet", "embreex")
-    codes = sorted({str(mission["code"]) for mission in missions if mission.get("code")})
+    codes = sorted({str(mission.get("code") or "unknown") for mission in missions})
     return {name: version(name) for name in names} | {"code": codes}
 
 
@@ -106,7 +108,8 @@ class ResultsFile:
             about = dict(database.execute("SELECT key, value FROM about LIMIT 20").fetchall())
             if about.get("format") != FORMAT:
                 raise ResultsError(f"{path.name} is not an evaluation of `covernav evaluate`")
-            self.title = str(about.get("title", path.stem))[:200]
+            title = str(about.get("title", path.stem))[:200]
+            self.title = title if title.isprintable() else path.stem
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
@@ -130,9 +133,16 @@ class ResultsFile:
                 " ORDER BY id LIMIT ?",
                 (MOST_MISSIONS + 1,),
             ).fetchall()
+        if not rows:
+            raise ResultsError(f"{self.path.name} holds no mission; give it one with `covernav evaluate`")
         if len(rows) > MOST_MISSIONS:
             raise ResultsError(f"{self.path.name} has more than {MOST_MISSIONS} missions")
-        return [self._checked(_unpacked(data)) | {"id": id, "drawn": bool(drawn)} for id, data, drawn in rows]
+        found = [
+            self._checked(_unpacked(data)) | {"id": id, "drawn": bool(drawn)} for id, data, drawn in rows
+        ]
+        if len(grouped(found, KIND)) > MOST_KINDS:
+            raise ResultsError(f"{self.path.name} has more than {MOST_KINDS} kinds of missions")
+        return found
 
     def _checked(self, summary: Any) -> dict[str, Any]:
         try:
@@ -140,7 +150,7 @@ class ResultsFile:
             texts = [summary[name] for name in (*CONDITIONS, "status") if name in summary]
             names = (*FIGURES, "goal_distance", "seed")
             numbers = {name: summary[name] for name in names if summary.get(name) is not None}
-            sound = all(isinstance(text, str) and len(text) < 300 for text in texts) and all(
+            sound = all(_is_text(text) for text in texts) and all(
                 type(number) in (int, float) and (name == "seed" or abs(number) <= LARGEST)
                 for name, number in numbers.items()
             )
@@ -148,7 +158,8 @@ class ResultsFile:
                 raise ValueError
             if not 0 <= summary["seed"] < 2**63 or len(numbers.keys() & set(REFERENCE)) not in (0, 4):
                 raise ValueError
-            if summary["success"] and summary.get("trajectory_length_m") is None:
+            needed = [summary.get(name) for name in ("trajectory_length_m", "execution_time_s")]
+            if summary["success"] and None in needed:
                 raise ValueError
         except (ValueError, KeyError, TypeError, OverflowError):
             raise ResultsError(f"{self.path.name} holds a mission that is damaged") from None
@@ -178,6 +189,10 @@ class ResultsFile:
         if row is None or row[0] is None:
             raise LookupError(f"there is no mission {mission} whose way is known in {self.path.stem}")
         return _unpacked(row[0])
+
+
+def _is_text(text: Any) -> bool:
+    return isinstance(text, str) and len(text) < 300 and text.isprintable()
 
 
 def _packed(document: Any) -> bytes:

@@ -12,7 +12,7 @@ _COLOURS: dict[str, palette.RGB] = {
     "ga_nav": (244, 206, 66),
     "terp": (164, 122, 200),
     "least_cost": (110, 190, 255),
-    "covernav_paper": (206, 122, 92),
+    "covernav_paper": (72, 196, 184),
     "covernav": (140, 206, 104),
     **palette.ROUTES,
 }

@@ -10,7 +10,7 @@ import os
 import shutil
 import signal
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from types import FrameType
 from urllib.parse import quote
@@ -36,6 +36,7 @@ from app.store import Store
 from app.studio import Studio
 from app.training_service import TrainingService
 from app.viewer_proxy import MAX_MESSAGE, Viewer
+from planner.folder_lock import FolderInUse, FolderLock
 from scenes.scenario import Scenario
 
 STATIC = Path(__file__).parents[1] / "static"
@@ -131,9 +132,9 @@ def serve(settings: Settings, scenario: str | None = None) -> None:
     Raises SettingsError, ScenarioError, StoreError."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     store = Store(settings.workspace)
-    shutil.rmtree(store.workspace / "uploads", ignore_errors=True)
-    document, scenario_id = _first_scenario(store, scenario)
-    with _listening_socket(settings) as listening:
+    with _alone_in(store.workspace), _listening_socket(settings) as listening:
+        shutil.rmtree(store.workspace / "uploads", ignore_errors=True)
+        document, scenario_id = _first_scenario(store, scenario)
         settings = settings.model_copy(update={"port": listening.getsockname()[1]})
         studio = Studio(store, document, scenario_id)
         viser_server, viewer = viewer_proxy.start_viser(TITLE)
@@ -145,6 +146,22 @@ def serve(settings: Settings, scenario: str | None = None) -> None:
         server.run(sockets=[listening])
         if not server.started:
             raise RuntimeError("the server could not start; its log says why")
+
+
+@contextlib.contextmanager
+def _alone_in(workspace: Path) -> Iterator[None]:
+    """Keep other studios out of the workspace: each would take the other's trainings for abandoned ones."""
+    try:
+        lock = FolderLock(workspace)
+    except FolderInUse as error:
+        words = f"the studio of process {error.holder} has {workspace} open"
+        raise SettingsError(f"{words}; close it, or name another folder with --workspace") from None
+    except OSError as error:
+        raise SettingsError(f"{workspace} cannot be written: {error.strerror or error}") from None
+    try:
+        yield
+    finally:
+        lock.close()
 
 
 def address(settings: Settings) -> str:

@@ -45,6 +45,10 @@ CREATE TABLE IF NOT EXISTS runs (
 NAME_COLUMNS = f"ALTER TABLE runs ADD COLUMN columns TEXT NOT NULL DEFAULT '{' '.join(FIRST_COLUMNS)}'"
 
 
+UNSAVED_ID, UNSAVED = "unsaved-changes", " (unsaved changes)"
+"""Where a scenario with changes that nobody saved is kept, and what its name ends in there."""
+
+
 class StoreError(OSError):
     """The workspace cannot be read or written; the message says what and where."""
 
@@ -133,7 +137,7 @@ class Store:
         """An unused id made from a name."""
         plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
         stem = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[: MAX_ID - 8].strip("-") or "scenario"
-        taken = set(shipped()) | {path.stem for path in self._folder.glob("*.json")}
+        taken = {UNSAVED_ID, *shipped()} | {path.stem for path in self._folder.glob("*.json")}
         candidates = chain([stem], (f"{stem}-{number}" for number in count(2)))
         return next(candidate for candidate in candidates if candidate not in taken)
 
@@ -146,6 +150,11 @@ class Store:
             scenario.save(path)
         except OSError as error:
             raise StoreError(f"{scenario_id} could not be saved: {error.strerror or error}") from None
+
+    def keep_unsaved(self, scenario: Scenario) -> None:
+        """Keep what nobody saved in the one place for that, `UNSAVED_ID`. Raises StoreError."""
+        name = f"{scenario.name[: 80 - len(UNSAVED)]}{UNSAVED}"
+        self.save(UNSAVED_ID, scenario.revised(name=name))
 
     def holds(self, scenario_id: str) -> bool:
         """Whether there is a scenario of that id, shipped or saved."""

@@ -7,24 +7,22 @@ view call the same commands and hear of the same changes.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from pydantic import ValidationError
-
-from app.changes import COLLECTIONS, Change, Kind, Overlay, Selection, StudioError
+from app import scene_edits
+from app.changes import Change, Kind, Overlay, Selection, StudioError
 from app.drive import Drive
 from app.history import History
-from app.store import ScenarioEntry, Store
+from app.store import UNSAVED, UNSAVED_ID, ScenarioEntry, Store, StoreError
 from app.switchboard import Switchboard
 from app.timeline import Timeline
 from planner.frames import Frame, Perception, Status
-from planner.methods import METHODS, with_motion
+from planner.methods import DEFAULT_METHOD, METHODS, with_motion
 from scenes.families import generate
-from scenes.robot import HUSKY
 from scenes.scenario import (
     CoverObject,
     CoverSpec,
@@ -38,14 +36,12 @@ from scenes.scenario import (
     Scenario,
     ScenarioError,
     Start,
-    first_message,
     off_the_map,
     why_not_standing,
 )
 from scenes.survey import import_survey
 
 SPEEDS = (0.125, 8.0)
-DEFAULT_METHOD = "least_cost"
 LIVE_FIELDS = ("goal", "cover", "observers", "obstacles")
 
 
@@ -173,10 +169,15 @@ class Studio(Switchboard):
         self._opening += 1
         mine = self._opening
         scenario, scenario_id = await asyncio.to_thread(read)
+        if mine == self._opening and self.dirty:
+            await self._keep_unsaved()
         if mine != self._opening:
             return scenario_id  # a newer request has overtaken this one
         self._drive.finish(Status.STOPPED)
         self.scenario, self.scenario_id, self._saved = scenario, scenario_id, scenario
+        if scenario_id == UNSAVED_ID:  # it stays unsaved, under a name of its own
+            self.scenario = scenario.revised(name=scenario.name.removesuffix(UNSAVED) or scenario.name)
+            self.scenario_id = self.store.new_id(self.scenario.name)
         self.heightmap = scenario.terrain.heightmap()
         self.edits += 1
         self._history.clear()
@@ -184,6 +185,12 @@ class Studio(Switchboard):
         self._load()
         self.tell(Change.OPENED)
         return scenario_id
+
+    async def _keep_unsaved(self) -> None:
+        """What is about to make way for another scenario stays in the library, the last such one alone."""
+        with contextlib.suppress(StoreError):  # what is asked for opens on a full disk, too
+            await asyncio.to_thread(self.store.keep_unsaved, self.scenario)
+            self.tell(Change.LIBRARY)
 
     def save(self) -> str:
         """Save under the present id; a shipped scenario is saved as a copy. Raises StoreError."""
@@ -223,6 +230,8 @@ class Studio(Switchboard):
         Raises StudioError for a shipped one, UnknownEntry, StoreError."""
         if self.store.is_shipped(scenario_id):
             raise StudioError(f"{scenario_id} is shipped with the studio: save under another name", 409)
+        if scenario_id == UNSAVED_ID:
+            raise StudioError(f"{scenario_id} holds unsaved changes: save under another name", 409)
         self.store.path(scenario_id)
         await asyncio.to_thread(self.store.save, scenario_id, scenario)
         if scenario_id == self.scenario_id:
@@ -262,20 +271,10 @@ class Studio(Switchboard):
             after = self.scenario.revised(**changes)
         except ScenarioError as error:
             raise StudioError(str(error)) from None
-        if "cover" in changes:
-            self._keep_off_the_robot(after)
+        if "cover" in changes and self.frame is not None:
+            scene_edits.keep_off_the_robot(self.scenario, after, self.frame.pose.x, self.frame.pose.y)
         self._history.edited(self.scenario, drag)
         self._adopt(after)
-
-    def _keep_off_the_robot(self, after: Scenario) -> None:
-        if self.frame is None:
-            return
-        here = np.array([[self.frame.pose.x, self.frame.pose.y]])
-        known = set(self.scenario.cover)
-        room = HUSKY.circumscribed_radius
-        for thing in after.cover:
-            if thing not in known and thing.footprint.distance(here)[0] < room:
-                raise StudioError(f"the robot stands there: keep {room:.1f} m away from it", 409)
 
     def _adopt(self, after: Scenario) -> None:
         before, self.scenario = self.scenario, after
@@ -285,17 +284,17 @@ class Studio(Switchboard):
             self._load()
         elif changed:
             self._drive.edit(after, changed)
-        if self.selection is not None and not self._exists(self.selection):
+        if self.selection is not None and not scene_edits.exists(self.scenario, self.selection):
             self.selection = None
             self.tell(Change.SELECTED)
         self.tell(Change.EDITED)
 
     def set_goal(self, x: float, y: float, *, drag: str | None = None) -> None:
-        self._edit(drag, goal=self._validated(Point, {"x": x, "y": y}))
+        self._edit(drag, goal=scene_edits.validated(Point, {"x": x, "y": y}))
 
     def set_start(self, x: float, y: float, yaw_deg: float | None = None, *, drag: str | None = None) -> None:
         yaw = self.scenario.start.yaw if yaw_deg is None else yaw_deg
-        self._edit(drag, start=self._validated(Start, {"x": x, "y": y, "yaw": yaw}))
+        self._edit(drag, start=scene_edits.validated(Start, {"x": x, "y": y, "yaw": yaw}))
 
     def add_observer(self, spec: ObserverSpec) -> Observer:
         return self._add(Kind.OBSERVER, spec)
@@ -325,53 +324,22 @@ class Studio(Switchboard):
         self.remove(Selection(Kind.OBSTACLE, id))
 
     def _add(self, kind: Kind, spec: Document) -> Any:
-        collection = COLLECTIONS[kind]
-        things = getattr(self.scenario, collection.field)
-        number = max((thing.id for thing in things), default=0) + 1
-        thing = self._validated(collection.model, spec.model_dump() | {"id": number})
-        self._edit(None, **{collection.field: (*things, thing)})
+        changes, thing = scene_edits.added(self.scenario, kind, spec)
+        self._edit(None, **changes)
         return thing
 
     def _update(self, kind: Kind, id: int, changes: dict[str, Any], drag: str | None) -> Any:
-        old = self.find(Selection(kind, id))
-        if "id" in changes and changes["id"] != id:
-            raise StudioError("id: cannot be changed")
-        collection = COLLECTIONS[kind]
-        new = self._validated(collection.model, old.model_dump() | changes)
-        things = getattr(self.scenario, collection.field)
-        self._edit(drag, **{collection.field: tuple(new if thing.id == id else thing for thing in things)})
-        return new
+        changes, thing = scene_edits.updated(self.scenario, Selection(kind, id), changes)
+        self._edit(drag, **changes)
+        return thing
 
     def remove(self, selection: Selection) -> None:
         """Delete an observer, cover object or moving obstacle. Raises StudioError."""
-        collection = COLLECTIONS.get(selection.kind)
-        if collection is None:
-            raise StudioError(f"the {selection.kind} cannot be deleted; move it instead", 409)
-        gone = self.find(selection)
-        things = getattr(self.scenario, collection.field)
-        self._edit(None, **{collection.field: tuple(thing for thing in things if thing is not gone)})
+        self._edit(None, **scene_edits.removed(self.scenario, selection))
 
     def find(self, selection: Selection) -> Any:
         """The selected part of the scenario. Raises StudioError (404)."""
-        if selection.kind in (Kind.START, Kind.GOAL):
-            return getattr(self.scenario, selection.kind)
-        collection = COLLECTIONS[selection.kind]
-        for thing in getattr(self.scenario, collection.field):
-            if thing.id == selection.id:
-                return thing
-        raise StudioError(f"there is no {collection.noun} {selection.id}", 404)
-
-    def _exists(self, selection: Selection) -> bool:
-        try:
-            return self.find(selection) is not None
-        except StudioError:
-            return False
-
-    def _validated(self, model: type[Document], fields: dict[str, Any]) -> Any:
-        try:
-            return model.model_validate(fields)
-        except ValidationError as error:
-            raise StudioError(first_message(error)) from None
+        return scene_edits.find(self.scenario, selection)
 
     def select(self, selection: Selection | None) -> None:
         if selection is not None:
@@ -417,7 +385,7 @@ class Studio(Switchboard):
 
     def set_pose(self, x: float, y: float, yaw_deg: float) -> None:
         """Put the robot somewhere on the ground."""
-        place = self._validated(Start, {"x": x, "y": y, "yaw": yaw_deg})
+        place = scene_edits.validated(Start, {"x": x, "y": y, "yaw": yaw_deg})
         reason = why_not_standing(self.heightmap, self.scenario.cover, place.x, place.y)
         if reason:
             raise StudioError(f"the robot's place {reason}")

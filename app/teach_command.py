@@ -24,7 +24,7 @@ def add_arguments(train: argparse.ArgumentParser, whole: Callable[[int, int], An
     train.add_argument("--scenes", type=whole(2, 100_000), help=scenes)
     train.add_argument("--held-out", type=whole(1, 10_000), help="scenes to validate on")
     train.add_argument("--epochs", type=whole(1, 10_000), help="of habits, exposure and ga_nav")
-    train.add_argument("--jobs", type=whole(1, 64), default=2, help="processes that collect")
+    train.add_argument("--jobs", type=whole(1, 64), help="processes that collect those scenes; 2 usually")
 
 
 def teach(arguments: argparse.Namespace) -> None:
@@ -32,7 +32,7 @@ def teach(arguments: argparse.Namespace) -> None:
 
     Raises TrainingRefusal for a folder that cannot be, TrainingError where it cannot be written."""
     folder = arguments.out or Path(f"training-{arguments.learner}")
-    with learning_in(folder):
+    with learning_in(folder, arguments.learner):
         _teach(arguments, folder)
 
 
@@ -48,7 +48,7 @@ def _teach(arguments: argparse.Namespace, folder: Path) -> None:
     asked = {name: getattr(arguments, name) for name in ("scenes", "held_out", "seed", "epochs")}
     course = replace(lessons.USUAL, **{name: value for name, value in asked.items() if value is not None})
     seeds = [seed for group in course.seeds for seed in group]
-    gathered = lessons.collect(folder, seeds, arguments.jobs)
+    gathered = lessons.collect(folder, seeds, arguments.jobs or 2)
     for _ in tqdm(gathered, total=len(seeds), disable=None, unit="scene", file=sys.stderr):
         pass
     learnt = lessons.learn(folder, course)

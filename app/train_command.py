@@ -10,13 +10,31 @@ from pathlib import Path
 from typing import Any
 
 from app import ga_nav_command, motion_command
-from app.output import write_json
+from app.output import check_target, write_json
 from app.teach_command import add_arguments, teach
 
+LEFT_OUT = ("goal", "heading", "stability", "elevation", "cover", "exposure", "time", "arrival", "failure")
 REWARDS = (
-    "corrected", "paper", "paper[abstract]", "paper[table]", "paper[height]", "paper[surface]", "terp",
+    "corrected", *(f"corrected[no_{weight}]" for weight in LEFT_OUT),
+    "paper", *(f"paper[{reading}]" for reading in ("equation", "abstract", "table", "height", "surface")),
+    "terp",
 )  # fmt: skip
 TERRAINS = ("all", "normal", "low", "low_high", "forest")
+
+_EPISODES = {"episodes", "steps", "seed", "reward", "terrain", "dynamics", "critic_rate", "out"}
+_LESSONS = {"scenes", "held_out", "epochs", "seed", "jobs", "out"}
+READ: dict[str, set[str]] = {
+    "paper": _EPISODES | {"curriculum"},
+    "terp": _EPISODES,
+    "habits": _LESSONS,
+    "exposure": _LESSONS,
+    "ga_nav": _LESSONS | {"dataset", "data", "begin_with"},
+    "dwa_rl": {"decisions", "seed", "out"},
+    "resume": {"resume", "episodes"},
+    "curves": {"curves", "json", "figure"},
+    "validate": {"validate", "json", "missions"},
+}
+"""The options that each learner reads, and each of the other things that the command does."""
 
 
 def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> None:
@@ -73,12 +91,14 @@ def train_policy(arguments: argparse.Namespace) -> None:
         write_json(arguments.json or "-", curves, TrainingRefusal)
         return
     if arguments.validate is not None:
+        check_target(arguments.json, TrainingRefusal)
         found = _validate(arguments.validate, arguments.missions or 10)
         write_json(arguments.json or "-", found, TrainingRefusal)
         return
     from tqdm import tqdm
 
-    from planner.training import EpisodeDone, Stopped, Trainer
+    from planner.training import Trainer
+    from planner.training_events import EpisodeDone, Stopped
 
     trainer = _trainer(arguments, Trainer)
     folder, total = trainer.folder, trainer.settings.episodes
@@ -99,7 +119,7 @@ def _refuse_what_would_be_ignored(arguments: argparse.Namespace) -> None:
     """Raises TrainingRefusal for options that do not go together."""
     from planner.learning_errors import TrainingRefusal
 
-    given = {name for name, value in vars(arguments).items() if value not in (None, False)}
+    given = {name for name, value in vars(arguments).items() if value is not None and value is not False}
     if arguments.learner != "paper":
         for name, does in (("resume", "goes on with"), ("curves", "is about"), ("validate", "is about")):
             if name in given:
@@ -116,6 +136,11 @@ def _refuse_what_would_be_ignored(arguments: argparse.Namespace) -> None:
             raise TrainingRefusal(f"--curriculum is not for --learner {arguments.learner}; leave one out")
         for name in sorted(given & {"terrain", "steps"}):
             raise TrainingRefusal(f"--curriculum has a {name} for each stage; leave --{name} out")
+    task = next((name for name in ("resume", "curves", "validate") if name in given), arguments.learner)
+    settled = READ["paper"] if task == "resume" else set()  # refused in words of their own
+    for name in sorted((given & set().union(*READ.values())) - READ[task] - settled):
+        words = f"--{task}" if task in ("resume", "curves", "validate") else f"--learner {task}"
+        raise TrainingRefusal(f"--{name.replace('_', '-')} is nothing to {words}; leave it out")
 
 
 def _draw(path: Path, curves: dict[str, Any]) -> None:
@@ -144,7 +169,8 @@ def _validate(folders: list[Path], missions: int) -> dict[str, Any]:
 
 
 def _trainer(arguments: argparse.Namespace, make: Any) -> Any:
-    from planner.training import TrainingRefusal, TrainingSettings
+    from planner.learning_errors import TrainingRefusal
+    from planner.training_settings import TrainingSettings
 
     if arguments.resume is not None:
         for name in ("steps", "seed", "reward", "terrain", "dynamics", "critic_rate"):

@@ -26,7 +26,10 @@ from scenes.pose import Pose
 from scenes.scenario import Scenario
 
 if TYPE_CHECKING:
-    from planner.training import EpisodeDone, StepFrame, Trainer, TrainingSettings
+    from planner.training import Trainer
+    from planner.training_collector import StepFrame
+    from planner.training_events import EpisodeDone
+    from planner.training_settings import TrainingSettings
 
 NICENESS = 10
 POSES_PERIOD_S, SIGHT_PERIOD_S = 0.1, 0.5
@@ -88,7 +91,7 @@ def train(
     with contextlib.suppress(OSError):
         os.nice(NICENESS)
     from planner.learning_errors import TrainingError, TrainingRefusal
-    from planner.training import Control
+    from planner.training_control import Control
 
     control = Control()
     threading.Thread(target=_obey, args=(pipe, control), daemon=True).start()
@@ -145,7 +148,7 @@ def training_settings(plan: TrainingPlan, document: str | None) -> TrainingSetti
     """The plan in the trainer's words."""
     from planner.curriculum import STAGES
     from planner.episode import reset_options, task_like
-    from planner.training import TrainingSettings
+    from planner.training_settings import TrainingSettings
 
     options: dict[str, Any] = {"reward": plan.reward.value, "dynamics": plan.dynamics.value}
     if plan.task is Task.CURRICULUM or document is None:

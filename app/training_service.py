@@ -108,6 +108,8 @@ class TrainingService:
 
         Raises StudioError, 409 while another is under way; ScenarioError where it has no reachable goal;
         StoreError."""
+        if plan.task is Task.CURRICULUM and plan.steps is not None:
+            raise StudioError("steps: the curriculum has them for each stage; leave them out")
         async with self._beginning:
             self._refuse_a_second()
             about, document = "", None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -31,12 +32,14 @@ def write_file(path: Path, content: bytes) -> None:
     """Write beside, flush to disk, put in place: `path` is the old file or the new one, never a part.
 
     Raises OSError, leaving nothing behind."""
-    beside = path.with_name(f".{path.name}.part")
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    beside = Path(name)
     try:
-        with open(beside, "wb") as file:
+        with open(handle, "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
+        os.chmod(beside, 0o644)
         os.replace(beside, path)
         folder = os.open(path.parent, os.O_RDONLY)
         try:

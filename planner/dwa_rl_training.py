@@ -22,6 +22,7 @@ from planner.dwa_rl_network import WindowPolicy, save_window_policy
 from planner.dwa_rl_window import CHANNELS
 from planner.dwa_rl_world import CrossingWorld
 from planner.frames import Status
+from planner.learning_errors import check_finite
 
 
 @dataclass(frozen=True)
@@ -236,6 +237,8 @@ def _update(
             gain = torch.minimum(ratio * advantage, clipped * advantage).mean()
             spread = -(likely.exp() * likely.clamp_min(-1e3)).sum(1).mean()
             off = functional.mse_loss(value, given.returned[part])
+            terms = {"value": off.item(), "gain": gain.item(), "entropy": spread.item()}
+            check_finite(terms, "the last round")
             loss = lessons.value * off - gain - lessons.entropy * spread
             optimiser.zero_grad()
             loss.backward()

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from numbers import Integral
 from typing import Any
 
 import gymnasium
@@ -96,7 +97,8 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     anything, when it has rolled over and when it has left the map; it is truncated after `max_steps`.
 
     info : `terms`, every term of the reward of this step by name; `status`, a `planner.frames.Status`;
-        `pose`, the true one; `exposed_s`, visible seconds of the episode; `success`
+        `pose`, the true one; `exposed_s`, visible seconds of the episode; `success`; after a step also
+        `visibility`, the visible fraction now, and `hidden`, the share that cover hides
 
     terrain, goal_distance, observers, patrols, known, obstacles : what episodes are drawn from, see
         `planner.episode.Task`
@@ -133,7 +135,7 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         exposure_layer: bool = True,
         render_mode: str | None = None,
     ):
-        if isinstance(reward, str) and reward not in REWARDS:
+        if not (reward in REWARDS if isinstance(reward, str) else callable(reward)):
             raise ValueError(f"reward {reward!r} is none of {', '.join(REWARDS)}")
         self.task = Task(terrain, goal_distance, observers, patrols, known, obstacles)  # type: ignore[arg-type]
         self.reward = REWARDS[reward] if isinstance(reward, str) else reward
@@ -146,7 +148,7 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.exposure_layer = exposure_layer
         self._grounds = Grounds(variety)
-        self._own = None if scenario is None else Ground(scenario)
+        self._own = None if scenario is None else Ground(_checked(scenario))
         self._world: DrivenWorld | None = None
 
     # --- an episode ------------------------------------------------------------------------------
@@ -175,17 +177,21 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     def _drawn(self, options: dict[str, Any]) -> tuple[Ground, Scenario]:
         wanted = options.pop("scenario", None)
-        self.steps_allowed = _at_least_one(options.pop("max_steps", None) or self.max_steps)
+        most = options.pop("max_steps", None)
+        self.steps_allowed = self.max_steps if most is None else _at_least_one(most)
         unknown = sorted(set(options) - set(TASK_OPTIONS))
         if unknown:
             known = ", ".join((*TASK_OPTIONS, "scenario", "max_steps"))
             raise ValueError(f"option {unknown[0]!r} is none of {known}")
         given = {name: value for name, value in options.items() if value is not None}
         task = replace(self.task, **given)
-        own = self._own if wanted is None else Ground(wanted)
+        own = self._own if wanted is None else Ground(_checked(wanted))
         if own is None:
             own = self._grounds.draw(task, self.np_random)
         elif "goal_distance" not in given:
+            others = sorted(given.keys() - {"terrain"})
+            if others:
+                raise ValueError(f"{others[0]} is for drives on a scenario's ground: give goal_distance, too")
             check_reachable(own.scenario)
             self._untold = any(not observer.known for observer in own.scenario.observers)
             return own, own.scenario
@@ -220,11 +226,13 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self.exposed_s += DECISION_S * seen.united
         shelter = self._ground.cover.shelter(self._rays, views, seen, self._pose)
         self._elevations.appendleft(before.z)
-        terms = self.reward(self._moment(before, seen, shelter, percept))
+        moment = self._moment(before, seen, shelter, percept)
+        terms = self.reward(moment)
         truncated = not self.status.final and self.steps >= self.steps_allowed
         turned = float(wrap_angle(self._pose.yaw - before.yaw))
         observation = self._observe(percept, views, seen, turned)
-        return observation, terms["total"], self.status.final, truncated, self._info(terms)
+        info = self._info(terms) | {"visibility": moment.exposure, "hidden": moment.hidden}
+        return observation, terms["total"], self.status.final, truncated, info
 
     def _judge(self, world: DrivenWorld) -> Status:
         if world.up < ROLLED_OVER_UP:
@@ -311,9 +319,15 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
 
 def _at_least_one(steps: int) -> int:
-    if steps < 1:
-        raise ValueError(f"an episode has at least one step, got {steps}")
+    if not isinstance(steps, Integral) or isinstance(steps, bool) or steps < 1:
+        raise ValueError(f"an episode has a whole number of steps, at least one, got {steps!r}")
     return int(steps)
+
+
+def _checked(scenario: Scenario) -> Scenario:
+    if not isinstance(scenario, Scenario):
+        raise ValueError(f"scenario must be a scenes.scenario.Scenario, got {scenario!r:.60}")
+    return scenario
 
 
 def command_of(action: np.ndarray) -> Twist:

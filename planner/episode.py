@@ -7,6 +7,7 @@ import copy
 import math
 from collections import OrderedDict
 from dataclasses import dataclass, fields
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,15 @@ class Task:
     def __post_init__(self) -> None:
         """Raises ValueError for what makes no sense."""
         object.__setattr__(self, "terrain", Family(self.terrain))
+        if not isinstance(self.goal_distance, Real) or isinstance(self.goal_distance, bool):
+            raise ValueError(f"the goal distance must be metres, got {self.goal_distance!r}")
+        for name in ("observers", "obstacles"):
+            count = getattr(self, name)
+            if not isinstance(count, Integral) or isinstance(count, bool):
+                raise ValueError(f"the number of {name} must be a whole number, got {count!r}")
+        for name in ("patrols", "known"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise ValueError(f"{name} must be true or false, got {getattr(self, name)!r}")
         if not (math.isfinite(self.goal_distance) and 1.0 <= self.goal_distance <= 100.0):
             raise ValueError(f"the goal distance is {self.goal_distance} m; it must be 1 to 100 m")
         for name, count, most in (("observers", self.observers, 20), ("obstacles", self.obstacles, 20)):

@@ -26,6 +26,9 @@ class JournalError(ValueError):
 class Journal:
     """The missions in a folder, for one evaluation at a time.
 
+    damaged : how many lines are no missions among others that are; they stay where they are, and what they
+        held is driven again
+
     On a full disk the room that was set aside beside it takes the missions that are under way; `full` then
     says that no more should be begun.
 
@@ -45,7 +48,9 @@ class Journal:
         self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         try:
             self._lock()
-            self.results = {MissionSpec.of(result): result for result in read_results(self.path)}
+            found, bad = _read(self.path)
+            self.results = {MissionSpec.of(result): result for result in found}
+            self.damaged = len(bad)
             self._mend_loose_end()
             self._set_aside()
         except BaseException:
@@ -99,7 +104,8 @@ class Journal:
         """A line that was cut off in the middle goes: that mission is driven again."""
         text = self.path.read_bytes()
         begun = text.rfind(b"\n") + 1
-        if _result(text[begun:]) is not None:
+        loose = text[begun:]
+        if _result(loose) is not None or not _cut_off(loose):
             self._append(b"\n")
         else:
             os.ftruncate(self._file, begun)
@@ -113,20 +119,33 @@ class Journal:
             os.close(handle)
 
 
-def read_results(path: Path) -> list[dict[str, Any]]:
-    """The journal's missions, the last word on each; those that ended in an error are left out, for they are
-    to be driven again. What a mission's line that was cut off at the end has left does not count.
+def _read(path: Path) -> tuple[list[dict[str, Any]], list[int]]:
+    """The journal's missions, the last word on each, and the numbers of the lines that are damaged. Missions
+    that ended in an error are left out, for they are to be driven again. What a mission's line that was cut
+    off at the end has left does not count, nor do damaged lines among others that are whole.
 
     Raises JournalError, OSError."""
     found: dict[MissionSpec, dict[str, Any]] = {}
+    bad: list[int] = []
     *whole, loose = path.read_bytes().split(b"\n")
     for number, line in enumerate([*whole, loose], 1):
         result = _result(line)
         if result is not None:
             found[MissionSpec.of(result)] = result
-        elif number <= len(whole) or not (line.startswith(BEGINNING) or BEGINNING.startswith(line)):
-            raise JournalError(f"{path}, line {number}: not a finished mission; move the file away")
-    return [result for result in found.values() if result["status"] != ERROR]
+            continue
+        if number <= len(whole) or not _cut_off(line):
+            bad.append(number)
+    if loose and not loose.strip(b"\0") and not found:
+        bad.append(len(whole) + 1)  # nothing but zeros is no journal of ours
+    if bad and not found:
+        raise JournalError(f"{path}, line {bad[0]}: not a finished mission; move the file away")
+    return [result for result in found.values() if result["status"] != ERROR], bad
+
+
+def _cut_off(line: bytes) -> bool:
+    """Whether that may have been the beginning of a mission's line."""
+    begun = line.rstrip(b"\0")  # which some file systems leave behind when the power fails
+    return begun.startswith(BEGINNING) or BEGINNING.startswith(begun)
 
 
 def _result(line: bytes) -> dict[str, Any] | None:

@@ -1,4 +1,5 @@
-"""The table of an evaluation: one row a terrain and method, ours beside the paper's, the bound beneath."""
+"""The table of an evaluation: one row a terrain and method, ours beside the paper's, the bound beneath, and
+rows over all terrains together."""
 
 from __future__ import annotations
 
@@ -24,6 +25,9 @@ GROUPED_BY: dict[str, Any] = {
 }  # fmt: skip
 """What makes a row of the table, with what missions mean that do not say."""
 
+KIND = {name: usual for name, usual in GROUPED_BY.items() if name not in ("terrain", "method")}
+"""What sets kinds of missions apart."""
+
 MEANS = (
     "trajectory_length_m", "length_ratio", "execution_time_s", "exposure_fraction", "exposed_s",
     "longest_exposure_s", "detection_probability", "cover_fraction", "concealed_fraction",
@@ -34,6 +38,8 @@ MEANS = (
 WORTH_AVOIDING = 0.5
 LIKE_THE_PAPERS = ("random", "covert")
 """Suites whose missions are like those of the paper: nobody walks about."""
+
+ALL_TERRAINS = "all"
 
 REMOVED = "avoidable_removed"
 DRAWN_AGAIN = 2000  # times, for the interval of a ratio
@@ -48,6 +54,25 @@ def tabulate(missions: Iterable[Result]) -> list[Result]:
     """
     groups = grouped(missions, GROUPED_BY)
     return [_row(key, groups[key]) for key in sorted(groups, key=_order)]
+
+
+def totals(missions: Iterable[Result]) -> tuple[list[Result], list[Result]]:
+    """The rows of `tabulate` and of `bounds` over all terrains together, under the terrain `ALL_TERRAINS`, of
+    those kinds of missions that have several and of the methods that drove them all: others would stand
+    beside them with other missions. The paper has no figure for that."""
+    together: list[Result] = []
+    for group in grouped(missions, KIND).values():
+        driven: dict[str, set[tuple]] = {}
+        for mission in group:
+            driven.setdefault(mission["method"], set()).add((mission["terrain"], mission["seed"]))
+        every = set().union(*driven.values())
+        if len({terrain for terrain, _ in every}) > 1:
+            together += [
+                mission | {"terrain": ALL_TERRAINS, "seed": (str(mission["terrain"]), mission["seed"])}
+                for mission in group
+                if driven[mission["method"]] == every
+            ]
+    return tabulate(together), bounds(together)
 
 
 def bounds(missions: Iterable[Result]) -> list[Result]:
@@ -77,12 +102,15 @@ def grouped(missions: Iterable[Result], kinds: dict[str, Any]) -> dict[tuple, li
 
 def _order(key: tuple) -> tuple:
     """By terrain, by the kind of mission, and by method as they are usually compared."""
-    terrain = list(Family).index(Family(key[0]))
+    terrain = len(Family) if key[0] == ALL_TERRAINS else list(Family).index(Family(key[0]))
     if len(key) == 1:
         return (terrain,)
-    method = key[1]
-    place = COMPARED.index(method) if method in COMPARED else len(COMPARED)
-    return terrain, *key[2:], place, method
+    return terrain, *key[2:], *method_order(key[1])
+
+
+def method_order(method: str) -> tuple[int, str]:
+    """By which methods are sorted, as they are usually compared."""
+    return COMPARED.index(method) if method in COMPARED else len(COMPARED), method
 
 
 def measured(mission: Result, name: str) -> float | None:

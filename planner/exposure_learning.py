@@ -18,6 +18,7 @@ from planner.covert_route import CovertPlanner
 from planner.exposure_network import ExposureNetwork, turned, window
 from planner.frames import Percept, Perception
 from planner.hull_exposure import hull_exposure
+from planner.learning_errors import check_finite
 from planner.no_route import NoRoute
 from planner.perception import Perceiver
 from planner.sensed_exposure import sensed_exposure
@@ -123,7 +124,7 @@ def fit(
     rounds = -(-len(given) // batch)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, epochs * rounds)
     loss = nn.BCEWithLogitsLoss(reduction="none")
-    for _ in range(epochs):
+    for epoch in range(epochs):
         network.train()
         order = rng.permutation(len(given))
         for some in np.array_split(order, rounds):
@@ -133,7 +134,9 @@ def fit(
             optimiser.zero_grad()
             log_odds = network(layers.contiguous(memory_format=torch.channels_last))
             losses = loss(log_odds, target[:, 0]) * counts[:, 0]
-            (losses.sum() / counts.sum()).backward()
+            mean = losses.sum() / counts.sum()
+            check_finite({"cross entropy": mean.item()}, f"{epoch} epochs")
+            mean.backward()
             optimiser.step()
             schedule.step()
         yield score(network, held_out)

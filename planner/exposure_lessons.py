@@ -21,6 +21,7 @@ from planner.scene_samples import Lessons
 from scenes.scenario import Family, ScenarioError
 
 WEIGHTS, CARD = "covernav.safetensors", "covernav.json"
+NAMES = ("layers", "target", "counts")
 
 USUAL = Lessons(scenes=400, held_out=60, seed=5000, epochs=30)
 
@@ -36,14 +37,13 @@ def _taken(seed: int) -> dict[str, np.ndarray]:
         taken = samples(families[seed % len(families)], seed)
     except ScenarioError:  # a seed without a mission in which cover matters
         taken = []
-    names = ("layers", "target", "counts")
-    return {name: np.array([getattr(sample, name) for sample in taken]) for name in names}
+    return {name: np.array([getattr(sample, name) for sample in taken]) for name in NAMES}
 
 
 def read(folder: Path, seeds: Sequence[int]) -> list[Sample]:
     """The samples of scenes that have been collected."""
     found = []
-    for arrays in scene_samples.kept(folder, seeds):
+    for arrays in scene_samples.kept(folder, seeds, NAMES):
         found += map(Sample, arrays["layers"], arrays["target"], arrays["counts"])
     return found
 

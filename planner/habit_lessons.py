@@ -17,6 +17,7 @@ from torch.nn import functional
 from planner import scene_samples
 from planner.checkpoint import write_file
 from planner.habits import BINS, HabitNetwork, bin_of, save_habits
+from planner.learning_errors import check_finite
 from planner.scene_samples import Lessons
 from planner.walks import FEATURES, STEP, TURNED, Walks
 from scenes.crossings import crossing_traffic
@@ -130,7 +131,7 @@ def _kinds(walks: Walks, change: np.ndarray) -> np.ndarray:
 
 def read(folder: Path, seeds: Sequence[int]) -> tuple[Tensor, Tensor]:
     """Features (n, FEATURES) and kinds (n,) of scenes that have been collected."""
-    found = list(scene_samples.kept(folder, seeds))
+    found = list(scene_samples.kept(folder, seeds, ("features", "kinds")))
     given = np.concatenate([arrays["features"] for arrays in found])
     kinds = np.concatenate([arrays["kinds"] for arrays in found]).astype(np.int64)
     return torch.from_numpy(given), torch.from_numpy(kinds)
@@ -162,6 +163,7 @@ def learn(folder: Path, lessons: Lessons) -> Iterator[tuple[Score, bool]]:
         for some in np.array_split(rng.permutation(len(given)), rounds):
             optimiser.zero_grad()
             turn, angle = losses(network, given[some], kinds[some])
+            check_finite({"turn": turn.item(), "angle": angle.item()}, f"{epoch - 1} epochs")
             (turn + 0.1 * angle).backward()  # there are few turns, and each teaches as much as many steps
             optimiser.step()
             schedule.step()

@@ -14,7 +14,7 @@ import numpy as np
 from planner.frames import Decision, Frame, Metrics, Percept, Perception, Status, WalkerPose
 from planner.leg import Leg, in_cover, usual_time_limit
 from planner.line_of_sight import views_at, visible_fraction
-from planner.methods import DEFAULT_METHOD, Briefed, Driving, make_method, policies_of
+from planner.methods import DEFAULT_METHOD, Briefed, Driving, Learned, make_method, policies_of
 from planner.perception import Perceiver
 from scenes.physics import World
 from scenes.pose import Pose, Twist
@@ -246,9 +246,14 @@ class Mission:
         """The present leg as `covernav run --json` has it."""
         policies = policies_of(self._method)
         motion = self._method.driver.motion if isinstance(self._method, Driving) else None
+        of_motion = policies[-1] if isinstance(motion, Learned) else None
         return self._leg.summary(
             self.scenario.name, self.method_name, self.perception, self.seed, self.status, self._world.time_s
-        ) | {"policy": policies[0] if policies else None, "motion": motion.name if motion else None}
+        ) | {
+            "policy": policies[0] if policies else None,
+            "motion": motion.name if motion else None,
+            "motion_policy": of_motion,
+        }
 
     # --- changes while driving -------------------------------------------------------------------
 

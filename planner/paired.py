@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from planner.evaluation_table import GROUPED_BY, Result, grouped, mean, measured
+from planner.evaluation_table import ALL_TERRAINS, KIND, Result, grouped, mean, measured
 from planner.intervals import paired_rates, student
 from scenes.scenario import Family
 
 OVER_ALL, OVER_SUCCESSES = ("max_tilt_deg",), ("exposed_s", "execution_time_s", "elevation_gradient_m")
 """Measures of every pair, and of those in which both arrived: a drive that ended early is seen less."""
-
-ALL_TERRAINS = "all"
 
 
 def paired(missions: Iterable[Result], method: str, against: str) -> list[Result]:
@@ -21,16 +19,15 @@ def paired(missions: Iterable[Result], method: str, against: str) -> list[Result
     `success` is the difference of the rates (Newcombe's interval for pairs), the others that of the means
     (Student's t on the pairs' differences; None for fewer than two pairs): `{n, difference, ci95}` each.
     """
-    kinds = {name: usual for name, usual in GROUPED_BY.items() if name not in ("terrain", "method")}
     wanted = [mission for mission in missions if mission["method"] in (method, against)]
     rows = []
-    for key, group in sorted(grouped(wanted, kinds).items()):
+    for key, group in sorted(grouped(wanted, KIND).items()):
         found = _pairs(group, method, against)
         terrains = [family.value for family in Family if any(one["terrain"] == family for one, _ in found)]
         for terrain in [*terrains, *([ALL_TERRAINS] if len(terrains) > 1 else [])]:
             part = [pair for pair in found if terrain in (pair[0]["terrain"], ALL_TERRAINS)]
             head = {"terrain": terrain, "method": method, "against": against}
-            rows.append(head | dict(zip(kinds, key, strict=True)) | _differences(part))
+            rows.append(head | dict(zip(KIND, key, strict=True)) | _differences(part))
     return rows
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Protocol
 
@@ -100,7 +100,11 @@ def paper_reward(
     """The paper's equations to the letter: goal, dir, stab, elev, cover and their sum, total.
 
     Metres and radians; r_elev is read as its equation, Σ w_i (h_now - h_i), and ψ² as roll² + pitch²
+
+    Raises ValueError for a distance to cover that is no number and a width that is not positive.
     """
+    if math.isnan(cover_distance) or not robot_width > 0.0:
+        raise ValueError(f"cover {cover_distance} m away of a robot {robot_width} m wide makes no sense")
     terms = {
         "goal": previous_goal_distance - goal_distance,
         "dir": -abs(float(wrap_angle(heading - previous_heading))),
@@ -110,7 +114,22 @@ def paper_reward(
         ),
         "cover": cover_reward(cover_distance, robot_width),
     }
+    terms = {name: float(term) for name, term in terms.items()}
     return terms | {"total": sum(terms.values())}
+
+
+EPSILON = 0.1
+"""Keeps the normalised return finite where the robot was once not seen at all."""
+
+
+def normalised_return(total: float, most_hidden: float, least_visible: float) -> float:
+    """An episode's return "normalised by" the greatest cover and the least visibility in it, which the paper
+    only names: of its readings the one that "encourages maximum cover and minimum visibility" where the
+    return is positive. Reported beside the return and learnt from by nobody.
+
+    most_hidden, least_visible : shares of the robot from 0 to 1
+    """
+    return total * (most_hidden + EPSILON) / (least_visible + EPSILON)
 
 
 @dataclass(frozen=True)
@@ -278,13 +297,19 @@ class TerpReward:
         return terms | {"total": sum(terms.values())}
 
 
+ABLATED = ("goal", "heading", "stability", "elevation", "cover", "exposure", "time", "arrival", "failure")
+"""Weights of the corrected reward that can be left out, one at a time."""
+
 REWARDS: dict[str, Reward] = {
     "corrected": CorrectedReward(),
     "paper": PaperReward(),
+    "paper[equation]": PaperReward(elevation=ElevationReading.EQUATION),
     "paper[abstract]": PaperReward(elevation=ElevationReading.ABSTRACT),
     "paper[table]": PaperReward(elevation=ElevationReading.TABLE),
     "paper[height]": PaperReward(elevation=ElevationReading.HEIGHT),
     "paper[surface]": PaperReward(cover=CoverReading.SURFACE),
     "terp": TerpReward(),
+    **{f"corrected[no_{weight}]": replace(CorrectedReward(), **{weight: 0.0}) for weight in ABLATED},
 }
-"""By the names of `covernav train --reward`; in brackets what the paper's is read otherwise in."""
+"""By the names of `covernav train --reward`; in brackets the term that the corrected one goes without, and
+what the paper's is read otherwise in."""

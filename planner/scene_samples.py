@@ -8,11 +8,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
+from zipfile import BadZipFile
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from planner.checkpoint import write_file
+from planner.learning_errors import TrainingRefusal
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -52,11 +54,17 @@ def _keep(folder: Path, seed: int, take: Callable[[int], Arrays]) -> int:
     return seed
 
 
-def kept(folder: Path, seeds: Sequence[int]) -> Iterator[Arrays]:
-    """The arrays of each seed. Raises FileNotFoundError where one is missing."""
+def kept(folder: Path, seeds: Sequence[int], names: Sequence[str]) -> Iterator[Arrays]:
+    """The arrays of each seed, by their names. Raises FileNotFoundError where one is missing, TrainingRefusal
+    where it is damaged or of another learner."""
     for seed in seeds:
-        with np.load(_file(folder, seed)) as arrays:
-            yield dict(arrays)
+        path = _file(folder, seed)
+        try:
+            with np.load(path) as arrays:
+                yield {name: arrays[name] for name in names}
+        except (ValueError, KeyError, EOFError, BadZipFile):
+            words = f"{path} is damaged, or of another learner; delete it, and it is made anew"
+            raise TrainingRefusal(words) from None
 
 
 def _file(folder: Path, seed: int) -> Path:

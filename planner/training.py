@@ -9,23 +9,19 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import json
 import math
-import threading
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 
 from planner.checkpoint import weights
 from planner.curriculum import Curriculum
-from planner.ddpg import Ddpg, DdpgConfig, LossError, Losses
+from planner.ddpg import Ddpg, LossError, Losses
 from planner.learning_errors import TrainingError, TrainingRefusal
-from planner.networks import PAPER, Architecture
 from planner.replay import Batch, Episode, Replay, mixed
 from planner.training_collector import (
     Collected,
@@ -35,121 +31,14 @@ from planner.training_collector import (
     EpisodeOrder,
     StepFrame,
 )
+from planner.training_control import Control
+from planner.training_events import EpisodeDone, Stopped, TrainingEvent
+from planner.training_log import TensorBoardLog
+from planner.training_settings import TrainingSettings
 from planner.training_store import Progress, TrainingStore
-from scenes.scenario import Family, Scenario
-
-ALL_TERRAINS = tuple(family.value for family in Family)
+from scenes.scenario import Scenario
 
 _POLICY_STREAM, _BATCH_STREAM, _EPISODE_STREAM = 0, 1, 2
-
-
-@dataclass(frozen=True)
-class TrainingSettings:
-    """What a training depends on, as published where the paper says.
-
-    episodes, steps : of the training, and of each episode at most
-    environment, options : for `gymnasium.make`
-    resets : options of the reset, taken in turn from episode to episode
-    random_episodes : driven at random before the policy drives
-    demonstration_share : of each batch, where demonstrations are given
-    curriculum : the tasks come from `planner.curriculum.Curriculum`, in place of `resets` and `steps`
-    """
-
-    episodes: int = 100
-    steps: int = 100
-    seed: int = 0
-    environment: str = "CoverNav-v0"
-    options: Mapping[str, Any] = field(default_factory=dict)
-    resets: tuple[Mapping[str, Any], ...] = tuple({"terrain": terrain} for terrain in ALL_TERRAINS)
-    random_episodes: int = 2
-    demonstration_share: float = 0.5
-    curriculum: bool = False
-    architecture: Architecture = PAPER
-    ddpg: DdpgConfig = field(default_factory=DdpgConfig)
-
-    def document(self) -> dict[str, Any]:
-        """As JSON holds it. Raises TrainingRefusal for options that JSON does not hold."""
-        plain = replace(self, options={}, resets=())
-        given = {"options": dict(self.options), "resets": [dict(reset) for reset in self.resets]}
-        try:
-            return asdict(plain) | json.loads(json.dumps(given, allow_nan=False))
-        except (TypeError, ValueError) as error:
-            words = f"options must be what JSON holds, such as a reward's name ({error})"
-            raise TrainingRefusal(words) from None
-
-    @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> TrainingSettings:
-        """Raises TrainingRefusal where it is of another version."""
-        try:
-            ddpg = DdpgConfig(**{**document["ddpg"], "betas": tuple(document["ddpg"]["betas"])})
-            architecture = Architecture(**document["architecture"])
-            changed = {"ddpg": ddpg, "architecture": architecture, "resets": tuple(document["resets"])}
-            return cls(**{**document, **changed})
-        except (KeyError, TypeError, ValueError) as error:
-            raise TrainingRefusal(f"the settings are of another version ({error})") from None
-
-
-@dataclass(frozen=True)
-class EpisodeDone:
-    """An episode that was driven, kept and, with its checkpoint, safe.
-
-    losses : means over the updates made while it was driven; total : its return; final : its last status
-    steps_per_s : of driving and learning together, by the clock, pauses left out
-    stage : of the curriculum that its task was of, None without one
-    """
-
-    number: int
-    steps: int
-    total: float
-    terms: dict[str, float]
-    success: bool
-    exposed_s: float
-    final: str
-    losses: Losses
-    updates: int
-    steps_per_s: float
-    stage: str | None = None
-
-
-@dataclass(frozen=True)
-class Stopped:
-    """The training is over: all episodes are done, or it was told to stop; what was done is kept."""
-
-    episodes: int
-    complete: bool
-
-
-TrainingEvent = EpisodeDone | StepFrame | Stopped
-
-
-class Control:
-    """Pauses, resumes and stops a training from another thread, between two steps."""
-
-    def __init__(self) -> None:
-        self._go, self._stop = threading.Event(), threading.Event()
-        self._go.set()
-
-    def pause(self) -> None:
-        self._go.clear()
-
-    def resume(self) -> None:
-        self._go.set()
-
-    def stop(self) -> None:
-        self._stop.set()
-        self._go.set()
-
-    @property
-    def paused(self) -> bool:
-        return not self._go.is_set()
-
-    @property
-    def stopped(self) -> bool:
-        return self._stop.is_set()
-
-    def wait(self) -> None:
-        """Return when it is not paused."""
-        self._go.wait()
 
 
 class Trainer:
@@ -234,7 +123,7 @@ class Trainer:
         collector = Collector(settings.environment, options, settings.architecture)
         with contextlib.ExitStack() as stack:
             stack.callback(self._store.close)
-            curves = _Curves(self._store.folder, self.progress.episodes)
+            curves = TensorBoardLog(self._store.folder, self.progress.episodes)
             stack.callback(curves.close)
             source = CollectorProcess(collector) if self._parallel else _Inline(collector)
             stack.callback(source.close)
@@ -242,7 +131,7 @@ class Trainer:
 
     # --- a round ---------------------------------------------------------------------------------
 
-    def _rounds(self, source: CollectorProcess | _Inline, curves: _Curves) -> Iterator[TrainingEvent]:
+    def _rounds(self, source: CollectorProcess | _Inline, curves: TensorBoardLog) -> Iterator[TrainingEvent]:
         settings = self.settings
         try:
             while self.progress.learnt < settings.episodes and not self.control.stopped:
@@ -252,7 +141,7 @@ class Trainer:
             kept = f"the checkpoint after episode {self.progress.episodes} is kept in {self._store.folder}"
             raise TrainingError(f"{error}; {kept}") from error
 
-    def _round(self, source: CollectorProcess | _Inline, curves: _Curves) -> Iterator[TrainingEvent]:
+    def _round(self, source: CollectorProcess | _Inline, curves: TensorBoardLog) -> Iterator[TrainingEvent]:
         """Drive the next episode while the updates for the last one are made; keep both."""
         begun, progress, self._idle_s = time.perf_counter(), self.progress, 0.0
         number, collected = progress.episodes, None
@@ -289,7 +178,7 @@ class Trainer:
         done = EpisodeDone(
             number, len(collected.episode), collected.total, collected.terms, collected.success,
             collected.exposed_s, collected.final, _mean(losses), updates, pace,
-            None if self._curriculum is None else self._curriculum.stage.name,
+            None if self._curriculum is None else self._curriculum.stage.name, collected.normalised,
         )  # fmt: skip
         self._keep(collected.episode, done)
         curves.add(done)
@@ -376,37 +265,6 @@ class _Inline:
 
     def close(self) -> None:
         self._collector.close()
-
-
-class _Curves:
-    """The episodes' figures as TensorBoard reads them."""
-
-    def __init__(self, folder: Path, first: int):
-        """Raises TrainingError where the disk does not take them."""
-        from torch.utils.tensorboard import SummaryWriter
-
-        try:
-            self._writer = SummaryWriter(str(folder), purge_step=first or None)
-        except OSError as error:
-            raise TrainingError(f"the curves cannot be written: {error.strerror or error}") from None
-
-    def add(self, done: EpisodeDone) -> None:
-        """Raises TrainingError where the disk does not take them."""
-        figures = {"return": done.total, "success": float(done.success), "exposed_s": done.exposed_s}
-        figures |= {f"terms/{name}": value for name, value in done.terms.items()}
-        figures |= {f"losses/{name}": value for name, value in asdict(done.losses).items()}
-        figures["steps_per_s"] = done.steps_per_s
-        try:
-            for name, value in figures.items():
-                if math.isfinite(value):
-                    self._writer.add_scalar(name, value, done.number)
-            self._writer.flush()
-        except OSError as error:
-            raise TrainingError(f"the curves cannot be written: {error.strerror or error}") from None
-
-    def close(self) -> None:
-        with contextlib.suppress(OSError):
-            self._writer.close()
 
 
 def _mean(losses: list[Losses]) -> Losses:

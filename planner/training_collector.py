@@ -16,6 +16,7 @@ import torch
 from planner.attention_cost import attention_map, cost_map
 from planner.networks import Actor, Architecture
 from planner.replay import Episode
+from planner.reward import normalised_return
 from scenes.pose import Pose
 from scenes.scenario import Scenario
 
@@ -72,6 +73,7 @@ class Collected:
     """An episode for the learner, and how it went.
 
     terms : the sum of every term of the reward; final : the last step's status
+    normalised : `planner.reward.normalised_return`, None of an environment that does not tell what it needs
     """
 
     number: int
@@ -81,6 +83,7 @@ class Collected:
     success: bool
     exposed_s: float
     final: str
+    normalised: float | None
 
 
 class Gate(Protocol):
@@ -116,7 +119,7 @@ class Collector:
             action = drive.act()
             observation, reward, terminated, truncated, info = env.step(action)
             _check(info.get("terms", {}) | {"total": float(reward)}, step, order.number)
-            drive.did(action, float(reward), terminated, info.get("terms", {}))
+            drive.did(action, float(reward), terminated, info)
             if order.frames_every and step % order.frames_every == 0:
                 scenario = getattr(env.unwrapped, "scenario", None) if step == 0 else None
                 yield drive.frame(step, info["pose"], scenario)
@@ -155,6 +158,7 @@ class _Drive:
         self._rewards: list[float] = []
         self._terminal: list[bool] = []
         self._terms: dict[str, float] = {}
+        self._extremes: tuple[float, float] | None = None  # most hidden and least visible so far
 
     def saw(self, observation: Mapping[str, np.ndarray]) -> None:
         self._shown = observation["layers"]
@@ -170,13 +174,16 @@ class _Drive:
         noise = self._order.noise * self._rng.standard_normal(2)
         return np.clip(action + noise, -1.0, 1.0).astype(np.float32)
 
-    def did(self, action: np.ndarray, reward: float, terminal: bool, terms: Mapping[str, float]) -> None:
+    def did(self, action: np.ndarray, reward: float, terminal: bool, info: Mapping[str, Any]) -> None:
         self._actions.append(action)
         self._rewards.append(reward)
         self._terminal.append(terminal)
-        for name, value in terms.items():
+        for name, value in info.get("terms", {}).items():
             if name != "total":
                 self._terms[name] = self._terms.get(name, 0.0) + float(value)
+        if "hidden" in info and "visibility" in info:
+            most, least = self._extremes or (0.0, 1.0)
+            self._extremes = max(most, float(info["hidden"])), min(least, float(info["visibility"]))
 
     @torch.inference_mode()
     def frame(self, step: int, pose: Pose, scenario: Scenario | None) -> StepFrame:
@@ -197,14 +204,16 @@ class _Drive:
             np.array(self._rewards, np.float32),
             np.array(self._terminal, bool),
         )
+        total = float(sum(self._rewards))
         return Collected(
             self._order.number,
             episode,
-            float(sum(self._rewards)),
+            total,
             self._terms,
             bool(info["success"]),
             float(info["exposed_s"]),
             str(info["status"]),
+            None if self._extremes is None else normalised_return(total, *self._extremes),
         )
 
 

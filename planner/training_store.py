@@ -16,7 +16,6 @@ lock                       held by the process that trains here
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from dataclasses import asdict, dataclass
@@ -25,6 +24,8 @@ from typing import Any
 
 from planner.checkpoint import read_tensors, save_policy, write_file, write_tensors
 from planner.ddpg import Ddpg
+from planner.folder_lock import NAME as LOCK
+from planner.folder_lock import FolderInUse, FolderLock
 from planner.learning_errors import PolicyError, TrainingError, TrainingRefusal
 from planner.replay import Episode, Replay
 from scenes.scenario import Scenario
@@ -63,20 +64,15 @@ class TrainingStore:
                 folder.mkdir(parents=True, exist_ok=True)
             elif not (folder / "settings.json").is_file():
                 raise TrainingRefusal(f"{folder} holds no training to go on with")
-            self._lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o666)
+            self._lock = FolderLock(folder)
+        except FolderInUse as error:
+            words = f"process {error.holder} trains in {folder} already; choose another"
+            raise TrainingRefusal(words) from None
         except OSError as error:
             raise TrainingRefusal(f"{folder} cannot be written: {error.strerror or error}") from None
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            pid = os.pread(self._lock, 32, 0).decode(errors="replace").strip() or "another process"
-            os.close(self._lock)
-            raise TrainingRefusal(f"process {pid} trains in {folder} already; choose another") from None
-        try:
             if new:
                 self._check_empty()
-            os.ftruncate(self._lock, 0)
-            os.pwrite(self._lock, str(os.getpid()).encode(), 0)
             (folder / "replay").mkdir(exist_ok=True)
             (folder / "policies").mkdir(exist_ok=True)
         except OSError as error:
@@ -90,14 +86,12 @@ class TrainingStore:
         if (self.folder / "settings.json").exists():
             raise TrainingRefusal(f"{self.folder} holds a training already; go on with it, or choose another")
         for found in self.folder.iterdir():
-            if found.name != "lock":
+            if found.name != LOCK:
                 raise TrainingRefusal(f"{self.folder} is not empty (it has {found.name!r}); choose another")
 
     def close(self) -> None:
         """Let others train here; safe to call twice."""
-        if self._lock >= 0:
-            os.close(self._lock)
-            self._lock = -1
+        self._lock.close()
 
     # --- what is kept ----------------------------------------------------------------------------
 
@@ -121,10 +115,15 @@ class TrainingStore:
         if not (self.folder / "checkpoint.json").is_file():
             return Progress()
         try:
-            return Progress(**self._read("checkpoint.json"))
+            progress = Progress(**self._read("checkpoint.json"))
+            names = ("episodes", "learnt", "updates", "log_bytes", "pace_bytes")
+            counts = [getattr(progress, name) for name in names]
+            if not all(type(count) is int and count >= 0 for count in counts):
+                raise TypeError
         except TypeError:
             path = self.folder / "checkpoint.json"
             raise TrainingRefusal(f"{path} is not a checkpoint of this version") from None
+        return progress
 
     def restore(self, progress: Progress, learner: Ddpg, replay: Replay) -> None:
         """Fill learner and buffer, and cut the logs back to the checkpoint. Raises TrainingRefusal where a
@@ -135,8 +134,8 @@ class TrainingStore:
             if progress.learner:
                 path = self.folder / progress.learner
                 learner.restore(read_tensors(path)[0], path)
-        except PolicyError as error:
-            raise TrainingRefusal(f"the training cannot go on: {error}") from None
+        except (PolicyError, ValueError, KeyError) as error:
+            raise TrainingRefusal(f"the training in {self.folder} cannot go on: {error}") from None
         for name, size in (("episodes.jsonl", progress.log_bytes), ("pace.jsonl", progress.pace_bytes)):
             path = self.folder / name
             if path.exists():

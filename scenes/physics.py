@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from scenes.bodies import add_cover, add_ground, add_husky, add_obstacle, add_walls
+from scenes.bodies import add_ground, add_husky, add_walls
+from scenes.bullet_eyes import BulletEyes
 from scenes.drive import DriveState, clipped, drive
 from scenes.husky import MASS_CENTRE
 from scenes.pose import Pose, Twist
-from scenes.robot import HUSKY
 from scenes.scenario import CoverObject, MovingObstacle, Start
 from scenes.stance import standing_pose
+from scenes.standing import Standing
 from scenes.terrain import Heightmap
 from scenes.world import Contact, RobotLostError
 
@@ -50,7 +51,6 @@ WHEEL_TORQUE = 30.0
 
 SETTLING_STEPS = 60
 OBSTACLE_STEPS = 4  # moving obstacles are put where their beats have them at 60 Hz
-RAY_BATCH = 8192  # rayTestBatch answers one ray too few for exactly 16,384
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,13 +104,10 @@ class World:
         if not np.isfinite(heightmap.heights).all():
             raise ValueError("the heightmap holds heights that are not finite; fill missing cells first")
         self.heightmap = heightmap
-        self._cover_meshes = cover_meshes
         self._bullet = _Client()
         self._closed = weakref.finalize(self, self._bullet.disconnect)
-        self._cover: dict[int, tuple[CoverObject, int]] = {}
-        self._obstacles: tuple[tuple[MovingObstacle, int], ...] = ()
+        self._standing = Standing(self._bullet, heightmap, meshes=cover_meshes)
         self._steps = round(time_s / STEP_S)
-        self._revision = 0  # of cover and obstacles
         self._drive = DriveState()
         self._touching: tuple[Contact, ...] = ()
         self._pose: Pose | None = None  # once somebody has asked for it
@@ -201,25 +198,21 @@ class World:
             raise ValueError(f"the duration must be at least {STEP_S:.4f} s, got {duration_s}")
         command = clipped(command)
         steps = round(duration_s / STEP_S)
-        near = self._within_reach(duration_s)
+        near = self._standing.within_reach(self.pose, self.time_s, duration_s)
         self._pose = None
         touched: dict[int, Contact] = {}
         for _ in range(steps):
             if self._steps % OBSTACLE_STEPS == 0:
                 # What has run into the robot does not go on through it.
-                self._place(pair for pair in self._walking if pair[1] not in touched)
+                self._standing.walk(self.time_s, touched)
             self._turn_wheels(command)
             self._bullet.stepSimulation()
             self._steps += 1
             for body, contact in near.items():
-                if body not in touched and self._touches(body):
+                if body not in touched and self._standing.touches(self._robot, body):
                     touched[body] = contact
         self._touching = tuple(touched.values())
         self._check_robot()
-
-    def _touches(self, body: int) -> bool:
-        # Bullet also keeps pairs that are only near; their distance is positive.
-        return any(point[8] <= 0.0 for point in self._bullet.getContactPoints(self._robot, body))
 
     def _turn_wheels(self, command: Twist) -> None:
         matrix = self._bullet.getMatrixFromQuaternion(self._centre_pose()[1])
@@ -231,25 +224,6 @@ class World:
             targetVelocities=(left, right, left, right),
             forces=(WHEEL_TORQUE,) * 4,
         )
-
-    def _within_reach(self, duration_s: float) -> dict[int, Contact]:
-        """Bodies that the robot could come to touch, so that only those are asked for contacts."""
-        pose = self.pose
-        reach = HUSKY.circumscribed_radius + HUSKY.max_speed * duration_s + 0.5
-        centres, radii = self._cover_extent
-        close = np.hypot(centres[:, 0] - pose.x, centres[:, 1] - pose.y) < reach + radii
-        standing = list(self._cover.values())
-        near = {}
-        for index in np.flatnonzero(close):
-            thing, body = standing[index]
-            near[body] = Contact("cover", thing.id)
-        for obstacle, body in self._obstacles:
-            outline = obstacle.footprint_at(self.time_s)
-            stride = obstacle.patrol.speed * duration_s if obstacle.patrol else 0.0
-            gap = math.hypot(outline.x - pose.x, outline.y - pose.y) - outline.radius
-            if gap < reach + stride:
-                near[body] = Contact("obstacle", obstacle.id)
-        return near
 
     def _check_robot(self) -> None:
         pose = self.pose
@@ -271,10 +245,10 @@ class World:
             raise ValueError(f"the robot's place must be finite, got x={x}, y={y}, yaw={yaw}")
         if not self.heightmap.contains(x, y):
             raise ValueError(f"the robot cannot be placed at ({x:g}, {y:g}): that is off the map")
-        for thing, _ in self._cover.values():
-            if thing.footprint.distance(np.array([[x, y]]))[0] < 0.0:
-                what = f"{thing.kind.value} {thing.id}"
-                raise ValueError(f"the robot cannot be placed at ({x:g}, {y:g}): that is inside {what}")
+        inside = self._standing.cover_at(x, y)
+        if inside is not None:
+            what = f"{inside.kind.value} {inside.id}"
+            raise ValueError(f"the robot cannot be placed at ({x:g}, {y:g}): that is inside {what}")
         pose = standing_pose(self.heightmap, x, y, yaw)
         self._bullet.resetBasePositionAndOrientation(
             self._robot, pose.to_world(np.array(MASS_CENTRE)), pose.quaternion
@@ -295,101 +269,24 @@ class World:
 
     def set_cover(self, cover: Sequence[CoverObject]) -> None:
         """Replace the cover objects; those that stay as they are keep their bodies."""
-        wanted = {thing.id: thing for thing in cover}
-        self._revision += 1
-        for key, (thing, body) in list(self._cover.items()):
-            if wanted.get(key) != thing:
-                self._bullet.removeBody(body)
-                del self._cover[key]
-        for key, thing in wanted.items():
-            if key not in self._cover:
-                body = add_cover(self._bullet, self.heightmap, thing, mesh=self._cover_meshes)
-                self._cover[key] = thing, body
-        self._cover = {key: self._cover[key] for key in wanted}  # in the order of labels
-        outlines = [thing.footprint for thing in wanted.values()]
-        self._cover_extent = (
-            np.array([(outline.x, outline.y) for outline in outlines]).reshape(-1, 2),
-            np.array([outline.radius for outline in outlines]),
-        )
+        self._standing.set_cover(cover)
 
     def set_obstacles(self, obstacles: Sequence[MovingObstacle]) -> None:
         """Replace the moving obstacles; they go on with their beats at the world's time."""
-        self._revision += 1
-        for _, body in self._obstacles:
-            self._bullet.removeBody(body)
-        self._obstacles = tuple((thing, add_obstacle(self._bullet, thing)) for thing in obstacles)
-        self._walking = tuple(pair for pair in self._obstacles if pair[0].patrol is not None)
-        self._place(self._obstacles)
+        self._standing.set_obstacles(obstacles, self.time_s)
 
-    def _place(self, obstacles) -> None:
-        """Put obstacles where their beats have them now."""
-        for thing, body in obstacles:
-            x, y, yaw = thing.pose_at(self.time_s)
-            z = float(self.heightmap.height_at(x, y)) + 0.5 * thing.size[2]
-            self._bullet.resetBasePositionAndOrientation(
-                body, (x, y, z), (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
-            )
-
-    # --- Bullet's own eyes, for comparison with `scenes.rays` and `scenes.sensors` -----------------
-
-    def cast_rays(
-        self, origins: np.ndarray, directions: np.ndarray, max_range: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The first hit along rays (n, 3), directions of unit length, by Bullet's batched ray test: distance
-        (n,) float32, inf for a miss, and label (n,) int32 as in `RayScene.bodies`, -1 for a miss and for
-        what has no label there (walls, the robot)."""
-        origins = np.broadcast_to(np.asarray(origins, float), np.shape(directions))
-        ends = origins + max_range * np.asarray(directions, float)
-        answers = []
-        for begin in range(0, len(ends), RAY_BATCH):
-            batch = slice(begin, begin + RAY_BATCH)
-            answers += self._bullet.rayTestBatch(origins[batch].tolist(), ends[batch].tolist(), numThreads=1)
-        labels = self._labels()
-        body = np.array([labels.get(answer[0], -1) for answer in answers], np.int32)
-        share = np.array([answer[2] for answer in answers], np.float32)
-        return np.where(body >= 0, share * np.float32(max_range), np.float32(np.inf)), body
-
-    def render_segmentation(
-        self, pose_world_camera: Pose, width: int, height: int, fov_horizontal: float, max_range: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Bullet's software renderer, in a world with `cover_meshes`: depth (height, width) float32 along the
-        optical axis, inf where nothing is, and labels (height, width) int32 as in `RayScene.bodies`, -1 for
-        the rest."""
-        near = 0.05
-        rotation = pose_world_camera.rotation
-        eye = pose_world_camera.position
-        fov_vertical = 2.0 * math.atan(math.tan(0.5 * fov_horizontal) * height / width)
-        _, _, _, buffer, segments = self._bullet.getCameraImage(
-            width,
-            height,
-            viewMatrix=self._bullet.computeViewMatrix(eye, eye + rotation[:, 0], rotation[:, 2]),
-            projectionMatrix=self._bullet.computeProjectionMatrixFOV(
-                math.degrees(fov_vertical), width / height, near, max_range
-            ),
-            shadow=0,
-            renderer=self._bullet.ER_TINY_RENDERER,
-        )
-        buffer = np.reshape(buffer, (height, width)).astype(float)
-        depth = max_range * near / (max_range - (max_range - near) * buffer)
-        labels = self._labels()
-        table = np.full(max(labels) + 2, -1, np.int32)
-        for body, label in labels.items():
-            table[body] = label
-        segments = np.reshape(segments, (height, width))
-        known = (segments >= 0) & (segments < len(table) - 1) & (depth <= max_range)
-        body = np.where(known, table[segments.clip(-1, len(table) - 1)], -1)
-        return np.where(body >= 0, depth, np.inf).astype(np.float32), body.astype(np.int32)
-
-    def _labels(self) -> dict[int, int]:
-        """Labels in `RayScene.bodies` by Bullet's body id."""
-        standing = (body for _, body in (*self._cover.values(), *self._obstacles))
-        return {body: label for label, body in enumerate((self._ground, *standing))}
+    @property
+    def eyes(self) -> BulletEyes:
+        """Bullet's own, for comparison with `scenes.rays` and `scenes.sensors`."""
+        bodies = (self._ground, *self._standing.bodies)
+        return BulletEyes(self._bullet, {body: label for label, body in enumerate(bodies)})
 
     # --- moments to come back to -----------------------------------------------------------------
 
     def save(self) -> WorldState:
         """The present moment, to the last bit, for `restore` in this same world."""
-        state = WorldState(self._bullet.saveState(), self._revision, self._steps, self._drive, self._touching)
+        bullet_state, revision = self._bullet.saveState(), self._standing.revision
+        state = WorldState(bullet_state, revision, self._steps, self._drive, self._touching)
         weakref.finalize(state, _forget, self._bullet, self._closed, state.bullet_state)
         return state
 
@@ -398,7 +295,7 @@ class World:
 
         Raises ValueError where cover or obstacles have been replaced since.
         """
-        if state.revision != self._revision:
+        if state.revision != self._standing.revision:
             raise ValueError("the cover or the obstacles have changed since this state was saved")
         self._bullet.restoreState(stateId=state.bullet_state)
         self._pose = None

@@ -100,6 +100,16 @@ class Terrain(Document):
     quality: SymbolRows | None = None
     source: GeneratedSource | SurveySource = Field(discriminator="kind")
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Terrain) and self._compared() == other._compared()
+
+    def __hash__(self) -> int:
+        return hash(self._compared())
+
+    def _compared(self) -> tuple:
+        heights = self.heights.shape, self.heights.tobytes()
+        return self.resolution, self.surface, self.quality, self.source, heights
+
     @model_validator(mode="after")
     def _symbols_fit(self) -> Terrain:
         for field, rows, symbols in (

@@ -62,12 +62,15 @@ class Reports:
         ]
         return {
             "id": id, "title": found.title, "methods": methods, "kinds": kinds, "rows": found.rows,
-            "bounds": found.bounds,
+            "bounds": found.bounds, "totals": found.totals[0], "total_bounds": found.totals[1],
         }  # fmt: skip
 
     def missions(self, id: str, kind: int) -> list[dict[str, Any]]:
         found = self.library.get(id)
-        return [{name: mission.get(name) for name in LISTED} for mission in found.of_kind(kind)]
+        return [
+            {name: mission.get(name) for name in LISTED} | {"label": str(mission["seed"])}
+            for mission in found.of_kind(kind)
+        ]
 
     def scene(self, id: str, mission: int) -> dict[str, Any]:
         found = self.library.get(id)
@@ -210,7 +213,7 @@ def router(library: ResultsLibrary, replays: ReplayService) -> APIRouter:
     async def table_csv(id: Id) -> Response:
         """The table, one line a terrain, method and kind of mission, with intervals and counts."""
         found = await asyncio.to_thread(library.get, id)
-        return _attached(csv_table(found.rows, found.bounds), "text/csv; charset=utf-8", f"{id}-table.csv")
+        return _attached(csv_table(*found.table), "text/csv; charset=utf-8", f"{id}-table.csv")
 
     @routes.get("/{id}/missions.csv")
     async def missions_csv(id: Id) -> Response:

@@ -44,7 +44,7 @@ def united_exposure() -> Result:
                 held = np.flatnonzero(view.holds(cells))
                 offset = cells[held] - view.eye
                 length = np.linalg.norm(offset, axis=1)
-                met, _ = world.cast_rays(view.eye, offset / length[:, None], view.range)
+                met, _ = world.eyes.cast_rays(view.eye, offset / length[:, None], view.range)
                 layer[held] = met >= length - TOUCHING
             return clear
 

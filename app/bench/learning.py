@@ -16,7 +16,9 @@ from torch import Tensor, nn
 from app.bench.measure import Result, faster, interleaved
 from planner.attention_cost import cost_map
 from planner.networks import PAPER, Actor, Encoder
-from planner.training import EpisodeDone, Trainer, TrainingSettings
+from planner.training import Trainer
+from planner.training_events import EpisodeDone
+from planner.training_settings import TrainingSettings
 
 OPTIONS = {"terrain": "forest", "reward": "corrected", "dynamics": "kinematic"}
 EPISODES, WARM_EPISODES, STEPS = 9, 3, 100

@@ -50,12 +50,12 @@ def lidar_turn() -> Result:
     reach = SILENT_LIDAR.max_range
     ours_ms, peer_ms = interleaved(
         lambda: lidar.scan(stage.rays, stage.pose, np.random.default_rng(0)),
-        lambda: stage.world.cast_rays(origin, directions, reach),
+        lambda: stage.world.eyes.cast_rays(origin, directions, reach),
         REPEATS,
         ours_per_turn=5,
     )
     ours = stage.rays.cast(origin, directions, reach)
-    theirs, labels = stage.world.cast_rays(origin, directions, reach)
+    theirs, labels = stage.world.eyes.cast_rays(origin, directions, reach)
     both = np.isfinite(ours.distance) & np.isfinite(theirs)
     same = np.abs(ours.distance[both] - theirs[both]) <= 0.02
     missed = np.isfinite(ours.distance) == np.isfinite(theirs)
@@ -85,7 +85,7 @@ def scan_to_patch() -> Result:
         return elevation_map.patch(stage.pose)
 
     def peer() -> tuple[np.ndarray, np.ndarray]:
-        distance, _ = stage.world.cast_rays(origin, directions, SILENT_LIDAR.max_range)
+        distance, _ = stage.world.eyes.cast_rays(origin, directions, SILENT_LIDAR.max_range)
         heard = np.isfinite(distance) & (distance >= SILENT_LIDAR.min_range)
         points = origin + distance[heard, None].astype(float) * directions[heard]
         return numpy_patch(points, stage.pose, config)
@@ -112,12 +112,12 @@ def semantic_image() -> Result:
     peer_args = (place, config.width, config.height, config.fov_horizontal, config.max_range)
     ours_ms, peer_ms = interleaved(
         lambda: camera.capture(stage.rays, stage.pose, np.random.default_rng(0)),
-        lambda: stage.world.render_segmentation(*peer_args),
+        lambda: stage.world.eyes.render_segmentation(*peer_args),
         REPEATS,
         ours_per_turn=3,
     )
     image = camera.capture(stage.rays, stage.pose, np.random.default_rng(0))
-    depth, labels = stage.world.render_segmentation(*peer_args)
+    depth, labels = stage.world.eyes.render_segmentation(*peer_args)
     both = (image.body >= 0) & (labels >= 0)
     near = np.abs(image.depth[both] - depth[both]) <= 0.05 + 0.02 * depth[both]
     return faster(

@@ -124,9 +124,16 @@ def pairs(data_set: DataSet, folder: Path, part: Part) -> list[tuple[Path, Path]
         raise TrainingRefusal(f"{folder} holds no annotated image of {data_set.value}'s part {part.value}")
     for paths in found:
         for path in paths:
-            if not path.is_file():
+            if not _is_file(path):
                 raise TrainingRefusal(f"{path} is missing; copy the whole data set {data_set.value} there")
     return found
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # such as a name that is too long
+        return False
 
 
 def _rugd_pairs(folder: Path, part: Part) -> Iterator[tuple[Path, Path]]:
@@ -142,8 +149,8 @@ def _rellis_pairs(folder: Path, part: Part) -> Iterator[tuple[Path, Path]]:
     path = folder / f"{part.value}.lst"
     try:
         lines = path.read_text("utf-8").splitlines()
-    except OSError as error:
-        reason = error.strerror or error
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise TrainingRefusal(f"{path} cannot be read ({reason}); put RELLIS-3D's lists there") from None
     for number, line in enumerate(lines, 1):
         names = line.split()

@@ -12,6 +12,7 @@ from torch.nn import functional as F
 
 from planner.ga_nav.groups import GROUPS, IGNORED
 from planner.ga_nav.network import GaNav
+from planner.learning_errors import check_finite
 
 ATTENTION_WEIGHT = 0.3
 """Of the group-wise attention loss beside the cross entropy."""
@@ -107,14 +108,16 @@ def fit(network: GaNav, given: Images, held_out: Images, course: Course) -> Iter
         optimiser, course.rate, course.epochs * rounds, pct_start=0.05, cycle_momentum=False
     )
     weight = _weights(given.groups)
-    for _ in range(course.epochs):
+    for epoch in range(course.epochs):
         network.train()
         for some in np.array_split(rng.permutation(len(given)), rounds):
             colours, groups = _changed(given.rgb[some], given.groups[some], course.crop, rng)
             logits, attention = network.maps(colours)
             optimiser.zero_grad()
             loss = F.cross_entropy(logits, groups, weight, ignore_index=IGNORED)
-            (loss + ATTENTION_WEIGHT * attention_loss(attention, groups)).backward()
+            heeded = attention_loss(attention, groups)
+            check_finite({"segmentation": loss.item(), "attention": heeded.item()}, f"{epoch} epochs")
+            (loss + ATTENTION_WEIGHT * heeded).backward()
             torch.nn.utils.clip_grad_norm_(parameters, 1.0)
             optimiser.step()
             schedule.step()

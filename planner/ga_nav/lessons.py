@@ -77,7 +77,7 @@ def _taken(seed: int) -> dict[str, np.ndarray]:
 def read(folder: Path, seeds: Sequence[int]) -> Images:
     """The images of scenes that have been rendered. Raises FileNotFoundError where one is missing."""
     found: list[Sample] = []
-    for arrays in scene_samples.kept(folder, seeds):
+    for arrays in scene_samples.kept(folder, seeds, ("rgb", "groups")):
         found += map(Sample, arrays["rgb"], arrays["groups"])
     return _stacked(found)
 

@@ -191,7 +191,7 @@ VARIANTS: Mapping[str, MethodEntry] = {
     ),
 }
 """Ablations, made and described as methods are, under names such as `covernav[no_exposure]`: known to
-`make_method` and the evaluation, but not offered for driving."""
+`make_method`, and with it to the command line, but not offered in the studio."""
 
 
 LEARNED: Mapping[str, Callable[[Path], Method]] = {
@@ -221,7 +221,8 @@ def make_method(name: str, seed: int = 0, weights: Path | None = None) -> Method
 def with_motion(name: str) -> tuple[str, str]:
     """The method of a name, and its motion control. Raises ValueError for a motion that there is not."""
     method, plus, motion = name.rpartition("+")
-    if not plus:
+    in_a_path = "@" in method and motion not in MOTIONS
+    if not plus or in_a_path:
         return name, MOTIONS[0]
     if motion not in MOTIONS:
         raise ValueError(f"there is no motion control {motion!r}; choose one of {', '.join(MOTIONS)}")
@@ -231,8 +232,8 @@ def with_motion(name: str) -> tuple[str, str]:
 def _planning(name: str, seed: int, weights: Path | None) -> Method:
     name, _, named = name.partition("@")
     if named and weights is None:
-        shipped = POLICIES / f"{named}.safetensors"
-        weights = shipped if shipped.is_file() else Path(named)
+        shipped = {path.stem: path for path in POLICIES.glob("*.safetensors")}
+        weights = shipped.get(named, Path(named))
     entry = METHODS.get(name) or VARIANTS.get(name)
     if entry is None:
         raise ValueError(f"there is no method {name!r}; choose one of {', '.join((*METHODS, *VARIANTS))}")

@@ -69,7 +69,8 @@ async function open() {
 async function showKind() {
   const of = shown.kinds[kind()];
   const alike = (row) => ["suite", "observers", "placement", "perception", "goal_distance"].every((key) => row[key] === of[key]);
-  showTable($("table"), shown.rows.filter(alike), shown.bounds.filter(alike), shown.methods);
+  const [rows, bounds] = [[...shown.rows, ...shown.totals], [...shown.bounds, ...shown.total_bounds]];
+  showTable($("table"), rows.filter(alike), bounds.filter(alike), shown.methods);
   for (const name of ["success-exposure", "distributions"]) showFigure(name);
   await Promise.all([pairs(), missions()]);
 }
@@ -104,15 +105,15 @@ async function missions() {
 
 async function showDrives() {
   const mine = drives.filter((drive) => drive.terrain === $("terrain").value);
-  const seeds = [...new Set(mine.map((drive) => drive.seed))].sort((a, b) => a - b);
+  const seeds = [...new Set(mine.map((drive) => drive.label))].sort((a, b) => a.length - b.length || (a < b ? -1 : 1));
   const names = shown.methods.map((method) => method.name).filter((name) => mine.some((drive) => drive.method === name));
   const head = document.createElement("thead");
   head.insertRow().append(cell("th", "seed", "text"), ...names.map((name) => cell("th", name)));
   const body = document.createElement("tbody");
   for (const seed of seeds) {
     const row = body.insertRow();
-    const of = names.map((name) => mine.find((drive) => drive.seed === seed && drive.method === name));
-    row.append(cell("td", String(seed), "text"), ...of.map(outcome));
+    const of = names.map((name) => mine.find((drive) => drive.label === seed && drive.method === name));
+    row.append(cell("td", seed, "text"), ...of.map(outcome));
     const drawn = of.find((drive) => drive?.drawn);
     if (!drawn) continue;
     row.tabIndex = 0;

@@ -54,7 +54,7 @@ function way(map, drive, methods) {
   swatch.className = "swatch";
   swatch.style.setProperty("--colour", colour);
   const seen = drive.exposed_s === null ? "" : `, seen ${drive.exposed_s.toFixed(1)} s`;
-  label.append(box, " ", swatch, `${drive.method}: ${drive.status.replaceAll("_", " ")} in ${drive.execution_time_s.toFixed(1)} s${seen}`);
+  label.append(box, " ", swatch, `${drive.method}: ${drive.status.replaceAll("_", " ")} in ${drive.execution_time_s?.toFixed(1) ?? "–"} s${seen}`);
   box.addEventListener("change", () => { group.style.display = box.checked ? "" : "none"; });
   entry.addEventListener("pointerenter", () => { top.classList.add("strong"); map.append(group); });
   entry.addEventListener("pointerleave", () => top.classList.remove("strong"));

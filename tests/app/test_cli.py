@@ -14,8 +14,8 @@ RUN_KEYS = {
     "scenario", "method", "perception", "seed", "status", "success", "trajectory_length_m", "straight_line_m",
     "execution_time_s", "exposure_fraction", "exposed_s", "longest_exposure_s", "detection_probability",
     "cover_fraction", "collisions", "max_roll_deg", "max_pitch_deg", "planner_ms_p50", "planner_ms_p95",
-    "policy", "expected_detection_s", "concealed_fraction", "by_observer", "elevation_gradient_m",
-    "dynamic_violations", "motion", "timeline",
+    "policy", "motion_policy", "expected_detection_s", "concealed_fraction", "by_observer",
+    "elevation_gradient_m", "dynamic_violations", "motion", "timeline",
 }  # fmt: skip
 
 

@@ -77,7 +77,7 @@ def test_the_folder_holds_the_tables_and_the_file_for_the_browser(capsys, tmp_pa
 def test_the_document_has_rows_bound_pairs_missions_and_versions(capsys, undriven):
     assert main([*QUICK, "--json", "-"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert list(document) == ["rows", "bounds", "paired", "versions", "missions"]
+    assert list(document) == ["rows", "bounds", "totals", "total_bounds", "paired", "versions", "missions"]
     assert len(document["missions"]) == 4 and document["paired"][0]["against"] == "dwa"
 
 

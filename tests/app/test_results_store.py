@@ -1,5 +1,6 @@
 """The file of an evaluation: what was written is read; what comes from elsewhere is not believed."""
 
+import json
 import sqlite3
 import zlib
 from contextlib import closing
@@ -78,6 +79,9 @@ def test_a_view_that_poses_as_a_table_is_refused(path):
         ResultsFile(path)
 
 
+HEAD = ("terrain", "method", "seed", "perception", "goal_distance", "success")
+
+
 def packed(text):
     return zlib.compress(text.encode())
 
@@ -92,12 +96,24 @@ def packed(text):
         packed("[" * 100_000),
         zlib.compress(bytes(4 * 2**20)),
         packed('{"terrain": "normal", "seed": NaN}'),
+        packed(json.dumps({name: drive(0, "dwa").get(name) for name in HEAD} | {"status": "\ud800"})),
     ],
 )
 def test_a_damaged_mission_is_refused(path, summary):
     changed(path, "UPDATE missions SET summary = ? WHERE id = 2", summary)
     with pytest.raises(ResultsError, match="damaged"):
         ResultsFile(path).missions()
+
+
+def test_a_file_without_missions_is_refused(tmp_path):
+    with pytest.raises(ResultsError, match="no mission"):
+        ResultsFile(results_file(tmp_path / "a.sqlite", [])).missions()
+
+
+def test_a_file_of_very_many_kinds_is_refused(tmp_path):
+    far = [drive(0, "dwa") | {"goal_distance": 4.0 + 0.1 * number} for number in range(201)]
+    with pytest.raises(ResultsError, match="kinds"):
+        ResultsFile(results_file(tmp_path / "a.sqlite", far)).missions()
 
 
 @pytest.mark.parametrize(
@@ -110,6 +126,8 @@ def test_a_damaged_mission_is_refused(path, summary):
         {"bound_m": None},
         {"success": 1},
         {"status": 7},
+        {"status": "a\x01b"},
+        {"execution_time_s": None},
         {"method": "x" * 999},
         {"seed": 1.5},
         {"seed": -1},

@@ -144,6 +144,31 @@ def test_saving_keeps_a_document_and_ends_dirty(studio):
     assert studio.store.load("meadow-test").goal == studio.scenario.goal
 
 
+def test_what_was_not_saved_is_kept_when_another_scenario_opens(studio):
+    studio.set_goal(2.0, 1.0)
+    edited = studio.scenario
+    shipped = next(entry.id for entry in studio.library() if entry.shipped)
+    asyncio.run(studio.open(shipped))
+    kept = studio.store.load("unsaved-changes")
+    assert kept.goal == edited.goal and kept.name == f"{edited.name} (unsaved changes)"
+    asyncio.run(studio.open("unsaved-changes"))
+    assert studio.dirty and studio.scenario.goal == edited.goal and studio.scenario.name == edited.name
+    saved = studio.save()
+    assert saved != "unsaved-changes" and not studio.dirty
+    assert studio.store.load(saved).goal == edited.goal
+
+
+def test_what_is_saved_is_never_where_unsaved_changes_are_kept(studio):
+    assert studio.save_as("Unsaved changes") != "unsaved-changes"
+    with pytest.raises(StudioError, match="holds unsaved changes"):
+        asyncio.run(studio.replace("unsaved-changes", studio.scenario))
+
+
+def test_a_scenario_without_changes_leaves_nothing_behind(studio):
+    asyncio.run(studio.open(next(entry.id for entry in studio.library() if entry.shipped)))
+    assert not studio.store.holds("unsaved-changes")
+
+
 def test_saving_a_shipped_scenario_makes_a_copy(studio):
     shipped = next(entry.id for entry in studio.library() if entry.shipped)
     studio.scenario_id = shipped

@@ -78,6 +78,10 @@ def test_learning_curves_are_drawn_and_the_same_again(trained, tmp_path, capsys)
         (["--curriculum", "--terrain", "low"], "leave --terrain out"),
         (["--learner", "habits", "--out", "{trained}/settings.json"], "cannot be written"),
         (["--learner", "exposure", "--out", "/proc/nowhere"], "cannot be written"),
+        (["--learner", "habits", "--out", "{trained}"], "is not empty"),
+        (["--learner", "habits", "--reward", "paper"], "--reward is nothing to --learner habits"),
+        (["--scenes", "5"], "--scenes is nothing to --learner paper"),
+        (["--curves", "{trained}", "--seed", "0"], "--seed is nothing to --curves"),
     ],
 )
 def test_what_cannot_be_met_is_refused_in_one_line(trained, capsys, arguments, words):

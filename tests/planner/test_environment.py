@@ -277,13 +277,32 @@ class TestDrawing:
             ({"dynamics": "magic"}, "magic"),
             ({"goal_distance": 0.0}, "goal distance"),
             ({"observers": -1}, "number of observers"),
-            ({"max_steps": 0}, "at least one step"),
+            ({"max_steps": 0}, "at least one"),
+            ({"max_steps": 2.7}, "whole number of steps"),
             ({"variety": 0}, "at least one ground"),
+            ({"reward": None}, "reward None is none of"),
+            ({"observers": 2.5}, "observers must be a whole number"),
+            ({"known": "no"}, "known must be true or false"),
+            ({"goal_distance": "far"}, "goal distance must be metres"),
+            ({"scenario": "bush-truck-cottage"}, "scenario must be a"),
         ],
     )
     def test_what_makes_no_sense_is_refused(self, wanted, words) -> None:
         with pytest.raises(ValueError, match=words):
             CoverNavEnv(**wanted)
+
+    @pytest.mark.parametrize(
+        ("options", "words"),
+        [
+            ({"max_steps": 0}, "at least one"),
+            ({"observers": "2"}, "observers must be a whole number"),
+            ({"scenario": "bush"}, "scenario must be a"),
+            ({"scenario": field(), "observers": 3}, "give goal_distance, too"),
+        ],
+    )
+    def test_options_that_make_no_sense_are_refused(self, env, options, words) -> None:
+        with pytest.raises(ValueError, match=words):
+            env.reset(options=options)
 
     def test_an_unknown_option_is_refused(self, env) -> None:
         with pytest.raises(ValueError, match="option 'weather' is none of terrain,"):

@@ -61,6 +61,29 @@ def test_a_journal_of_something_else_is_refused_and_left_alone(tmp_path, text):
     assert (tmp_path / "missions.jsonl").read_text() == text
 
 
+def test_damaged_lines_among_good_ones_cost_their_own_missions_alone(tmp_path):
+    with Journal(tmp_path) as journal:
+        journal.add(mission(1))
+    path = tmp_path / "missions.jsonl"
+    path.write_bytes(path.read_bytes() + b"garbage\n")
+    with Journal(tmp_path) as journal:
+        assert journal.damaged == 1
+        journal.add(mission(2))
+    with Journal(tmp_path) as journal:
+        assert [spec.seed for spec in journal.results] == [1, 2] and journal.damaged == 1
+
+
+def test_zeros_that_a_power_failure_left_at_the_end_are_cut_off(tmp_path):
+    with Journal(tmp_path) as journal:
+        journal.add(mission(1))
+    path = tmp_path / "missions.jsonl"
+    whole = path.read_bytes()
+    path.write_bytes(whole + bytes(100))
+    with Journal(tmp_path) as journal:
+        assert [spec.seed for spec in journal.results] == [1] and journal.damaged == 0
+    assert path.read_bytes() == whole
+
+
 def test_two_evaluations_do_not_write_into_one_folder(tmp_path):
     with Journal(tmp_path), pytest.raises(JournalError, match="another evaluation"):
         Journal(tmp_path)

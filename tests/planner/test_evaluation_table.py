@@ -5,7 +5,7 @@ import math
 import pytest
 from drives import mission
 
-from planner.evaluation_table import bounds, reasons, tabulate
+from planner.evaluation_table import ALL_TERRAINS, bounds, reasons, tabulate, totals
 from planner.methods import COMPARED
 
 
@@ -149,3 +149,27 @@ def test_errors_of_ours_are_failures_with_their_reason():
     (row,) = tabulate(missions)
     assert row["success_rate"] == 0.5 and row["failures"] == {"error": 1}
     assert reasons(missions) == {"its worker process was killed 3 times": 1}
+
+
+def test_totals_are_over_all_terrains_and_every_mission_once():
+    seen = {"shortest_s": 9.0, "shortest_m": 12.0, "bound_m": 14.0}
+    missions = [
+        mission(seed, status, terrain=terrain, method=method, exposed_s=exposed, bound_s=bound, **seen)
+        for terrain, seed, status, exposed, bound in (
+            ("normal", 0, "reached", 4.0, 3.0), ("normal", 1, "stuck", 5.0, 2.0),
+            ("forest", 0, "reached", 6.0, 1.0),
+        )
+        for method in ("dwa", "covernav")
+    ]  # fmt: skip
+    rows, (bound,) = totals(missions)
+    assert [row["terrain"] for row in rows] == [ALL_TERRAINS] * 2
+    assert [row["method"] for row in rows] == ["dwa", "covernav"]
+    for row in rows:
+        assert row["missions"] == 3 and row["successes"] == 2 and row["failures"] == {"stuck": 1}
+        assert row["exposed_s"] == 5.0 and row["paper"] is None
+        assert row["avoidable_removed"] == pytest.approx((5.0 + 3.0) / (6.0 + 8.0))
+    assert bound["terrain"] == ALL_TERRAINS and bound["missions"] == 3 and bound["bound_s"] == 2.0
+
+
+def test_one_terrain_has_no_totals():
+    assert totals([mission(0), mission(1)]) == ([], [])

@@ -26,6 +26,7 @@ from planner.habits import (
     load_habits,
     save_habits,
 )
+from planner.learning_errors import TrainingError, TrainingRefusal
 from planner.methods import POLICIES, Learned, make_method
 from planner.scene_samples import Lessons
 from planner.walks import FEATURES
@@ -123,6 +124,27 @@ def test_it_learns_when_people_turn(tmp_path):
     assert scores[-1].turn < 0.3 * scores[-1].usual_turn
     card = json.loads((tmp_path / "covernav.json").read_text())
     assert card["steps"] == 4000 and card["validation"]["turn"] == scores[-1].turn
+
+
+@pytest.mark.parametrize("content", [b"garbage", b""])
+def test_samples_that_are_damaged_are_named(tmp_path, content):
+    (tmp_path / "0.npz").write_bytes(content)
+    with pytest.raises(TrainingRefusal, match=r"0\.npz is damaged"):
+        habit_lessons.read(tmp_path, [0])
+
+
+def test_samples_of_another_learner_are_refused(tmp_path):
+    np.savez(tmp_path / "0.npz", layers=np.zeros(3))
+    with pytest.raises(TrainingRefusal, match="of another learner"):
+        habit_lessons.read(tmp_path, [0])
+
+
+def test_a_loss_that_is_no_number_ends_the_training_and_is_named(tmp_path):
+    for seed in range(2):
+        features = np.full((10, len(FEATURES)), np.nan, np.float32)
+        np.savez(tmp_path / f"{seed}.npz", features=features, kinds=np.full(10, -1, np.int8))
+    with pytest.raises(TrainingError, match="loss 'turn' is nan after 0 epochs"):
+        list(habit_lessons.learn(tmp_path, Lessons(scenes=1, held_out=1, seed=0, epochs=2)))
 
 
 def test_the_shipped_weights_are_small_and_have_a_card():

@@ -10,6 +10,7 @@ from field import field, thing
 from planner.environment import CoverNavEnv, action_of
 from planner.frames import Status
 from planner.reward import (
+    ABLATED,
     REWARDS,
     CorrectedReward,
     CoverReading,
@@ -18,6 +19,7 @@ from planner.reward import (
     PaperReward,
     cover_reward,
     elevation_reward,
+    normalised_return,
     paper_reward,
 )
 from scenes.pose import Twist
@@ -215,3 +217,21 @@ def test_the_papers_other_readings_go_by_name() -> None:
     for name, reward in readings.items():
         assert reward == PaperReward(elevation=ElevationReading(name))
     assert REWARDS["paper[surface]"] == PaperReward(cover=CoverReading.SURFACE)
+
+
+def test_the_normalised_return_grows_with_cover_and_falls_with_visibility():
+    better, middling, worse = (normalised_return(4.0, *shares) for shares in ((1, 0), (0.5, 0), (0.5, 0.5)))
+    assert better > middling > worse
+    assert normalised_return(4.0, 0.3, 0.3) == pytest.approx(4.0)
+
+
+def test_each_weight_of_the_corrected_reward_can_be_left_out():
+    for weight in ABLATED:
+        left = REWARDS[f"corrected[no_{weight}]"]
+        assert getattr(left, weight) == 0.0 and getattr(REWARDS["corrected"], weight) > 0.0
+
+
+@pytest.mark.parametrize("wrong", [{"cover_distance": math.nan}, {"robot_width": -1.0}])
+def test_the_papers_reward_refuses_what_makes_no_sense(wrong):
+    with pytest.raises(ValueError, match="makes no sense"):
+        literal(**wrong)

@@ -16,8 +16,11 @@ from planner.checkpoint import load_policy, read_tensors
 from planner.curriculum import Curriculum, Promotion, Stage
 from planner.ddpg import DdpgConfig
 from planner.learning_errors import TrainingError, TrainingRefusal
-from planner.training import Control, EpisodeDone, Stopped, Trainer, TrainingSettings
+from planner.training import Trainer
 from planner.training_collector import StepFrame
+from planner.training_control import Control
+from planner.training_events import EpisodeDone, Stopped
+from planner.training_settings import TrainingSettings
 from scenes.scenario import Family
 
 TOY = "toy_drive:ToyDrive-v0"
@@ -55,7 +58,8 @@ def test_an_episode_an_event_and_a_line(whole):
     rows = [json.loads(line) for line in (folder / "episodes.jsonl").read_text().splitlines()]
     assert [row["number"] for row in rows] == [0, 1, 2, 3]
     assert set(rows[0]) == {
-        "number", "steps", "total", "terms", "success", "exposed_s", "final", "losses", "updates", "stage"
+        "number", "steps", "total", "terms", "success", "exposed_s", "final", "losses", "updates", "stage",
+        "normalised",
     }  # fmt: skip
     assert rows[0]["losses"] is None and rows[3]["losses"]["critic"] > 0.0
     assert rows[3]["total"] == pytest.approx(sum(rows[3]["terms"].values()), rel=1e-6)

@@ -7,13 +7,9 @@ import numpy as np
 import pytest
 from grounds import ground, rough, slope, thing
 
-from scenes.families import generate
-from scenes.physics import STEP_S, Contact, RobotLostError, World
+from scenes.physics import STEP_S, RobotLostError, World
 from scenes.pose import Pose, Twist, wrap_angle
-from scenes.rays import RayScene
-from scenes.scenario import Family, MovingObstacle, Patrol, Point, Scenario, Start
-from scenes.sensors import CameraConfig, SemanticCamera
-from scenes.survey import import_survey
+from scenes.scenario import MovingObstacle, Patrol, Point, Start
 from scenes.terrain import Heightmap
 
 
@@ -44,7 +40,7 @@ def test_the_ground_is_the_heightmaps_triangle_by_triangle(rows: int, columns: i
     with World(heightmap) as world:
         world.place_robot(west + 1.0, south + 1.0, 0.0)
         origins = np.column_stack([x, y, np.full(1500, 5.0)])
-        distance, body = world.cast_rays(origins, np.tile((0.0, 0.0, -1.0), (1500, 1)), 10.0)
+        distance, body = world.eyes.cast_rays(origins, np.tile((0.0, 0.0, -1.0), (1500, 1)), 10.0)
     clear = np.hypot(x - west - 1.0, y - south - 1.0) > 1.0  # of the robot
     assert (body[clear] == 0).all()
     np.testing.assert_allclose(5.0 - distance[clear], heightmap.height_at(x, y)[clear], atol=1e-4)
@@ -192,71 +188,6 @@ def test_time_is_counted_in_whole_steps() -> None:
         assert 240 * STEP_S == 1.0
 
 
-# --- what stands in the way --------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", ["tree", "bush", "rock", "cottage", "disabled_vehicle", "fence"])
-def test_cover_stops_the_robot_and_is_named(kind: str) -> None:
-    item = thing(kind, 3.0, 0.0, id=17, yaw=90.0)
-    with World(ground(), [item]) as world:
-        for _ in range(60):
-            world.step(Twist(0.8), 0.1)
-            if world.touching():
-                break
-        assert world.touching() == (Contact("cover", 17),)
-        gap = 3.0 - world.pose.x - 0.5 * (item.footprint.width if kind == "fence" else 0.0)
-        assert gap > 0.2
-
-
-def test_the_robot_drives_under_a_crown() -> None:
-    tree = thing("tree", 3.0, 1.3, length=4.0, width=4.0, height=7.0)
-    with World(ground(), [tree]) as world:
-        for _ in range(60):
-            world.step(Twist(1.0), 0.1)
-            assert world.touching() == ()
-        assert world.pose.x > 5.0
-
-
-def test_a_moving_obstacle_runs_into_a_standing_robot() -> None:
-    beat = Patrol(waypoints=(Point(x=-4.0, y=0.0),), speed=1.5)
-    person = MovingObstacle(id=3, kind="person", x=4.0, y=0.0, patrol=beat)
-    with World(ground(), obstacles=[person]) as world:
-        met = None
-        while met is None and world.time_s < 4.0:
-            world.step(Twist(), 0.1)
-            if world.touching():
-                met = world.time_s
-        assert world.touching() == (Contact("obstacle", 3),)
-        assert met == pytest.approx((4.0 - 0.25 - 0.5) / 1.5, abs=0.15)
-
-
-@pytest.mark.parametrize("kind", ["person", "vehicle"])
-def test_what_runs_into_the_robot_at_speed_neither_buries_nor_throws_it(kind: str) -> None:
-    beat = Patrol(waypoints=(Point(x=10.0, y=0.0),), speed=10.0)
-    with World(ground(), obstacles=[MovingObstacle(id=3, kind=kind, x=-10.0, y=0.1, patrol=beat)]) as world:
-        while not world.touching():
-            world.step(Twist(), 0.1)
-            assert world.time_s < 2.0
-        assert abs(world.twist.v) < 12.0
-        assert abs(world.pose.z) < 0.3
-
-
-def test_cover_and_obstacles_are_replaced_while_the_robot_stays(flat_world: World) -> None:
-    flat_world.place_robot(0.0, 0.0, 0.0)
-    before = flat_world.pose
-    flat_world.set_cover([thing("rock", 2.0, 0.0, id=1), thing("tree", 0.0, 5.0, id=2)])
-    flat_world.set_obstacles([MovingObstacle(id=1, kind="vehicle", x=-5.0, y=0.0)])
-    assert flat_world.pose == before
-    flat_world.step(Twist(1.0), 2.0)
-    assert flat_world.touching() == (Contact("cover", 1),)
-    flat_world.set_cover([thing("tree", 0.0, 5.0, id=2)])
-    flat_world.step(Twist(1.0), 2.0)
-    assert flat_world.touching() == ()
-    assert flat_world.pose.x > 2.0
-    flat_world.set_cover([])
-    flat_world.set_obstacles([])
-
-
 # --- the same again ----------------------------------------------------------------------------------
 
 COMMANDS = [Twist(0.8, 0.3), Twist(0.2, -1.2), Twist(-0.3, 0.0), Twist(1.0, 1.0)]
@@ -337,70 +268,3 @@ def test_a_world_closes_once_and_its_moments_may_outlive_it() -> None:
     world.close()
     world.close()
     del moment
-
-
-# --- anywhere ----------------------------------------------------------------------------------------
-
-
-def survive(scenario: Scenario, seed: int, spawns: int = 3, seconds: float = 3.0) -> None:
-    """Spawn at random, idle or driving at random; nothing explodes, falls through or stops being a number."""
-    rng = np.random.default_rng(seed)
-    heightmap, cover = scenario.terrain.heightmap(), scenario.cover
-    west, east, south, north = heightmap.bounds
-    with World(heightmap, cover, scenario.obstacles, scenario.start) as world:
-        for spawn in range(spawns):
-            while True:
-                x, y = rng.uniform(west + 0.8, east - 0.8), rng.uniform(south + 0.8, north - 0.8)
-                if all(item.footprint.distance(np.array([[x, y]]))[0] > 0.7 for item in cover):
-                    break
-            world.place_robot(x, y, rng.uniform(-np.pi, np.pi))
-            for _ in range(round(seconds / 0.5)):
-                command = Twist(rng.uniform(-0.3, 1.0), rng.uniform(-1.5, 1.5)) if spawn % 3 else Twist()
-                world.step(command, 0.5)  # raises where the robot is lost
-                pose = world.pose
-                assert abs(world.twist.v) < 5.0
-                assert abs(world.twist.w) < 15.0
-                ground_height = float(heightmap.height_at(pose.x, pose.y))
-                assert -0.5 < pose.z - ground_height < 2.0
-
-
-@pytest.mark.parametrize("family", list(Family))
-def test_the_robot_survives_random_places_on_every_terrain(family: Family) -> None:
-    survive(generate(family, 5), 1)
-
-
-def test_the_robot_survives_random_places_on_a_survey(survey_file) -> None:
-    survive(import_survey(survey_file, resolution=1.0), 2)
-
-
-# --- Bullet's own eyes -------------------------------------------------------------------------------
-
-
-def test_bullets_rays_and_ours_meet_the_same_things() -> None:
-    heightmap = rough(8, 60, 70)
-    cover = [thing("tree", 3, 1, id=1), thing("cottage", -3, -3, id=2, yaw=30), thing("rock", 0, 4, id=3)]
-    rays = np.random.default_rng(0).standard_normal((16384, 3))  # the number at which Bullet loses one
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    eye = np.array([0.5, -0.5, 1.6])
-    with World(heightmap, cover, start=Start(x=-6.0, y=5.0), cover_meshes=True) as world:
-        distance, body = world.cast_rays(eye, rays, 25.0)
-    hits = RayScene(heightmap, cover).cast(eye, rays, 25.0)
-    assert len(distance) == 16384
-    points = eye + np.minimum(hits.distance, 25.0)[:, None] * rays
-    beside_robot = np.linalg.norm(points - (-6.0, 5.0, 0.2), axis=1)
-    clear = (beside_robot > 2.0) & ((rays[:, 2] < -0.1) | (hits.body > 0))  # of the robot and the walls
-    assert np.mean(body[clear] == hits.body[clear]) > 0.999
-    same = clear & (body == hits.body) & (body >= 0)
-    np.testing.assert_allclose(distance[same], hits.distance[same], atol=2e-3)
-
-
-def test_bullets_renderer_and_our_camera_show_the_same_things() -> None:
-    cover = [thing("cottage", 8, 2, id=1, yaw=20), thing("rock", 4, -1, id=2), thing("tree", 9, -4, id=3)]
-    lens = CameraConfig(width=160, height=120)
-    with World(ground(), cover, start=Start(x=-8.0, y=0.0), cover_meshes=True) as world:
-        view = Pose(0.0, 0.0, 0.0).compose(lens.mount)
-        depth, body = world.render_segmentation(view, 160, 120, lens.fov_horizontal, lens.max_range)
-    image = SemanticCamera(lens).capture(RayScene(ground(), cover), Pose(0, 0, 0), np.random.default_rng(0))
-    assert np.mean(body == image.body) > 0.97
-    both = (body == image.body) & (body >= 0)
-    assert np.median(np.abs(depth[both] - image.depth[both])) < 0.02

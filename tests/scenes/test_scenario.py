@@ -243,7 +243,14 @@ def test_a_folder_is_no_scenario(tmp_path):
 def test_save_and_load(tmp_path):
     path = tmp_path / "new folder" / "field.json"
     scenario().save(path)
-    assert Scenario.load(path).to_json() == scenario().to_json()
+    assert Scenario.load(path) == scenario()
+
+
+def test_scenarios_are_equal_by_what_they_hold():
+    one, other = scenario(), scenario()
+    assert one == other and hash(one) == hash(other)
+    higher = one.revised(terrain=one.terrain.model_copy(update={"heights": one.terrain.heights + 1.0}))
+    assert higher != one and one.revised(name="another") != one
 
 
 def test_a_save_that_fails_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):

@@ -1,0 +1,13 @@
+import pytest
+
+from planner.folder_lock import FolderInUse, FolderLock
+
+
+def test_one_at_a_time_and_again_when_it_is_given_back(tmp_path):
+    lock = FolderLock(tmp_path)
+    with pytest.raises(FolderInUse) as refused:
+        FolderLock(tmp_path)
+    assert refused.value.holder.isdigit()
+    lock.close()
+    lock.close()
+    FolderLock(tmp_path).close()
