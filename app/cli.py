@@ -201,12 +201,13 @@ def _run(arguments: argparse.Namespace) -> None:
     if arguments.motion != "dwa":
         arguments.method += f"+{arguments.motion}"
     _check_method(arguments.method)
-    warm_up()
+    perception = Perception(arguments.perception)
+    warm_up(arguments.method, perception)
     mission = Mission(
         scenario,
         arguments.method,
         arguments.seed,
-        Perception(arguments.perception),
+        perception,
         time_limit_s=arguments.time_limit,
     )
     rows = []

@@ -161,6 +161,7 @@ class _Child:
             self.mission.close()
             self.mission = None
         self.generation, self.rows = order.generation, []
+        warm_up(order.method, order.perception, order.weights)
         self.mission = Mission(
             order.scenario,
             order.method,
@@ -240,7 +241,6 @@ def child_main(pipe: connection.Connection, parent_end: connection.Connection) -
     orders: SimpleQueue = SimpleQueue()
     threading.Thread(target=_take_orders, args=(pipe, orders), daemon=True).start()
     with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the server has gone
-        warm_up()
         _Child(pipe, orders).run()
 
 

@@ -49,7 +49,7 @@ def drive(spec: MissionSpec) -> dict[str, Any]:
     """Drive one mission: the summary as `run --json`, what it was, under `shortest_...` and `bound_...` what
     the route engine makes of it (`planner.suites.Reference`), which code drove (`planner.fingerprint`), where
     it went, and how to make its scene."""
-    warm_up()
+    warm_up(spec.method, spec.perception)
     set_up = suite_mission(
         spec.suite, spec.terrain, spec.seed, spec.observers, spec.goal_distance, spec.placement
     )

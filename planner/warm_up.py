@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from planner.frames import Perception
-from planner.methods import DEFAULT_METHOD, METHODS
 from planner.mission import Mission
-from planner.motion import MOTIONS
 from scenes.catalogue import CoverKind
 from scenes.scenario import (
     CoverObject,
@@ -30,19 +29,18 @@ TICKS = 6  # the camera looks once in five
 
 
 @cache
-def warm_up() -> None:
-    """Drive a few ticks of every method and motion control in a small scene, so that nothing is left to
-    compile. Takes most of a minute after installing and a second or so ever after; does nothing when called
-    again."""
-    scenario = _small_scene()
-    for method in (*METHODS, *(f"{DEFAULT_METHOD}+{motion}" for motion in MOTIONS[1:])):
-        for perception in Perception:
-            mission = Mission(scenario, method, 0, perception)
-            try:
-                for _ in range(TICKS if perception is Perception.LIDAR else 1):
-                    mission.tick()
-            finally:
-                mission.close()
+def warm_up(method: str, perception: Perception = Perception.LIDAR, weights: Path | None = None) -> None:
+    """Drive a method for a few ticks in a small scene, so that nothing is left to compile when it drives in
+    earnest. Takes up to half a minute after installing and a second ever after; does nothing when called
+    again.
+
+    method, weights : as of `Mission`. Raises ValueError as `make_method` does."""
+    mission = Mission(_small_scene(), method, 0, perception, weights=weights)
+    try:
+        for _ in range(TICKS):
+            mission.tick()
+    finally:
+        mission.close()
 
 
 def _small_scene() -> Scenario:
