@@ -269,11 +269,8 @@ def _cast_at(walker: _Walker, origins, directions, reach) -> tuple[np.ndarray, d
 
     origins : (n, 3), or (3,) for all"""
     rotation = walker.pose.rotation.astype(np.float32)
-    offset = walker.pose.to_world(walker.figure.centre).astype(np.float32) - origins
-    along = directions @ offset if offset.ndim == 1 else np.einsum("ij,ij->i", directions, offset)
-    gap = np.sum(offset * offset, axis=-1) - along * along
-    radius = walker.figure.radius
-    rays = np.flatnonzero((gap < 1.01 * radius**2) & (along > -radius) & (along - radius < reach))
+    centre = walker.pose.to_world(walker.figure.centre)
+    rays = near_sphere(np.atleast_2d(origins), directions, reach, centre, walker.figure.radius)
     origin = np.broadcast_to(origins, directions.shape)[rays]
     answer = walker.figure.scene.run(
         (origin - walker.pose.position.astype(np.float32)) @ rotation,
@@ -283,3 +280,24 @@ def _cast_at(walker: _Walker, origins, directions, reach) -> tuple[np.ndarray, d
     )
     hit = answer["geomID"] >= 0
     return rays[hit], {name: values[hit] for name, values in answer.items()}
+
+
+@njit(cache=True)
+def near_sphere(origins, directions, reach, centre, radius):
+    """Ascending indices of the rays that may meet what a sphere holds before their `reach` (n,) ends.
+
+    centre : (3,); origins : (n, 3), or (1, 3) for all; directions : (n, 3) of unit length"""
+    single = len(origins) == 1
+    found = np.empty(len(directions), np.intp)
+    count = 0
+    for i in range(len(directions)):
+        begin = 0 if single else i
+        along = square = 0.0
+        for axis in range(3):
+            offset = centre[axis] - np.float64(origins[begin, axis])
+            along += offset * directions[i, axis]
+            square += offset * offset
+        if -radius < along < reach[i] + radius and square - along * along < 1.01 * radius * radius:
+            found[count] = i
+            count += 1
+    return found[:count]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from scenes.embree import RAYS_WORTH_A_THREAD
 from scenes.meshes import cover_mesh, cover_pose, walker_mesh
-from scenes.rays import BodyKind, RayScene, _mark_misses
+from scenes.rays import BodyKind, RayScene, _mark_misses, near_sphere
 from scenes.scenario import MovingObstacle, Observer, Patrol, Point
 from scenes.sight import SIGHT_MARGIN
 from scenes.terrain import Heightmap
@@ -279,3 +279,20 @@ def test_marking_misses_agrees_with_its_plain_twin(bodies: list[int]) -> None:
     _mark_misses(distance, body, normal)
     np.testing.assert_array_equal(distance, plain[0])
     np.testing.assert_array_equal(normal, plain[1])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_rays_near_a_sphere_are_those_of_the_plain_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    centre, radius = rng.uniform(-5.0, 5.0, 3), rng.uniform(1.0, 3.0)
+    ways = directions(500, seed)
+    reach = rng.uniform(3.0, 20.0, 500)
+    beside = centre + rng.uniform(1.1, 2.0) * radius * directions(1, seed)
+    for origins in (rng.uniform(-8.0, 8.0, (500, 3)), beside):
+        offset = centre - origins
+        along = np.einsum("ij,ij->i", *np.broadcast_arrays(offset, ways))
+        aside = np.linalg.norm(offset - along[:, None] * ways, axis=1)
+        within = (aside < np.sqrt(1.01) * radius) & (along > -radius) & (along < reach + radius)
+        found = near_sphere(origins, ways, reach, centre, radius)
+        np.testing.assert_array_equal(found, np.flatnonzero(within))
+        assert 0 < len(found) < 500
