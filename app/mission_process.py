@@ -143,6 +143,7 @@ class _Child:
                 case Edit() if self.mission is not None:
                     self.edit(self.mission, order)
                 case Call(setter, arguments) if self.mission is not None:
+                    _warm_up_for(self.mission, setter, arguments)
                     getattr(self.mission, setter)(*arguments)
         except ValueError as error:
             self.pipe.send(Refused(str(error)))
@@ -206,6 +207,15 @@ class _Child:
             status = Status.PAUSED if started else Status.IDLE
         factor = self.pace.factor if status is Status.RUNNING else 0.0
         self.pipe.send(Progress(self.generation, self.obeyed, status, frame, rows, factor, summary))
+
+
+def _warm_up_for(mission: Mission, setter: str, arguments: tuple) -> None:
+    """Make what another method or perception needs before the next tick, not in it."""
+    match setter, *arguments:
+        case "set_method", name, weights:
+            warm_up(name, mission.perception, weights)
+        case "set_perception", perception:
+            warm_up(mission.method_name, perception)
 
 
 class _Pace:
