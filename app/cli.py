@@ -144,7 +144,7 @@ def _scenario_parsers(commands: Any) -> None:
     generate = actions.add_parser("generate", help="make one from a seed")
     generate.add_argument("terrain", choices=["normal", "low", "low_high", "forest"], metavar="TERRAIN")
     generate.add_argument("--seed", type=_SEED, required=True)
-    generate.add_argument("--size", type=_number(24.0, 256.0), default=48.0, metavar="M")
+    generate.add_argument("--size", type=_number(24.0, 255.75), default=48.0, metavar="M")
     generate.add_argument("--goal-distance", type=_number(4.0, 100.0), default=12.0, metavar="M")
     generate.add_argument("-o", "--output", type=Path, required=True, metavar="FILE")
     generate.set_defaults(command=_generate)

@@ -16,6 +16,9 @@ from scenes.traversability import reachable
 PASSAGE = 1.2
 MIN_GOAL_DISTANCE = 3.0
 MIN_SIZE = 12.0
+RESOLUTION = 0.25
+MAX_SIZE = (MAX_CELLS - 1) * RESOLUTION
+"""Metres a side at the usual resolution."""
 MAX_OBSERVERS = 20
 MAX_ATTEMPTS = 60
 TREE, BUSH, ROCK, COTTAGE, BUILDING, HOUSE, WRECK, FENCE = CoverKind
@@ -57,7 +60,7 @@ def generate(
     seed: int,
     *,
     size_m: float = 48.0,
-    resolution: float = 0.25,
+    resolution: float = RESOLUTION,
     goal_distance: float = 12.0,
     observers: int = 1,
 ) -> Scenario:

@@ -12,7 +12,7 @@ from scipy import ndimage
 from scenes.catalogue import CoverKind
 from scenes.placement import Plot, Segment, distance_to_segment, draw
 from scenes.relief import Pond, Trail, distance_to, fractal, level_pad
-from scenes.scenario import CoverObject, CoverSpec
+from scenes.scenario import MAX_COVER, CoverObject, CoverSpec
 from scenes.terrain import SURFACE_CODE, Heightmap, Surface
 
 ENDS_FROM_EDGE = 2.5
@@ -209,11 +209,18 @@ class Landscape:
             round(self.rng.integers(*self.recipe.fences, endpoint=True) * max(0.5, self.area / 2.3))
         ):
             self._put_fence()
+        share = self._share_that_fits(self.area * sum(self.recipe.density.values()))
         for kind, density in self.recipe.density.items():
-            for _ in range(self.rng.poisson(density * self.area)):
+            for _ in range(self.rng.poisson(share * density * self.area)):
                 for _ in range(6):
                     if self.plot.put(self._draw((kind,), *self._anywhere())):
                         break
+
+    def _share_that_fits(self, wanted: float) -> float:
+        """How much of so many things, drawn with Poisson's spread, a scenario has room for: on large maps
+        they stand thinner."""
+        room = MAX_COVER - len(self.cover)
+        return min(1.0, max(0.0, room - 5.0 * math.sqrt(room)) / wanted)
 
     def _put_on_route(self) -> None:
         """Things on the straight line from start to goal or just beside it, fences and wrecks across it."""

@@ -109,7 +109,13 @@ def _scenario(
     name: str | None,
     rng: np.random.Generator,
 ) -> Scenario:
-    zero = float(ground.heights[ground.quality != MISSING].min())
+    known = ground.heights[ground.quality != MISSING]
+    if not known.size:
+        raise ScenarioError(
+            "has no ground that is known: what was measured lies too far apart to tell what is between;"
+            " choose a part with more returns of the ground"
+        )
+    zero = float(known.min())
     heights = np.round((ground.heights - zero) * vertical_scale, 3)
     if float(heights.max()) > MAX_HEIGHT:
         raise ScenarioError(

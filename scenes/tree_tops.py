@@ -50,9 +50,11 @@ def standing_objects(cloud: PointCloud, ground: SurveyGround) -> list[CoverObjec
     """Trees, bushes and buildings, tallest first, numbered from 1.
 
     Vegetation is class 3 to 5, or class 1 where the survey has none of those. Returns lower than 0.5 m
-    above the ground, higher than 60 m, or over ground that is missing are left out.
+    above the ground, higher than 60 m, or over ground that is missing are left out, but for roofs: no laser
+    reaches the ground beneath them, and they stand on the nearest that is known.
     """
-    above = height_above_ground(cloud, ground)
+    over_nearest, known = height_above_ground(cloud, ground)
+    above = np.where(known, over_nearest, np.nan)
     plant = np.isin(cloud.classes, VEGETATION)
     if not plant.any():
         plant = cloud.classes == UNCLASSIFIED
@@ -63,23 +65,25 @@ def standing_objects(cloud: PointCloud, ground: SurveyGround) -> list[CoverObjec
         canopy = canopy_heights(cloud.x[pick], cloud.y[pick], above[pick], _canopy_cell(cloud, pick))
         found += [_tree(crown) for crown in crowns(canopy, TREE_HEIGHT)]
         found += [_bush(crown) for crown in bushes(canopy)]
-    pick = (cloud.classes == BUILDING) & usable
+    pick = (cloud.classes == BUILDING) & (over_nearest >= LOWEST) & (over_nearest <= HIGHEST)
     if pick.any():
-        found += buildings(cloud.x[pick], cloud.y[pick], above[pick])
+        found += buildings(cloud.x[pick], cloud.y[pick], over_nearest[pick], known[pick])
     west, south = -ground.grid.half_width, -ground.grid.half_height
     found = [o for o in found if west <= o["x"] <= -west and south <= o["y"] <= -south]
     found.sort(key=lambda o: (-o["height"], o["x"], o["y"]))
     return [CoverObject(id=index, **fields) for index, fields in enumerate(found, start=1)]
 
 
-def height_above_ground(cloud: PointCloud, ground: SurveyGround) -> np.ndarray:
-    """Height (n,) of each return over the ground below it; NaN where that is off the grid or missing."""
+def height_above_ground(cloud: PointCloud, ground: SurveyGround) -> tuple[np.ndarray, np.ndarray]:
+    """Height (n,) of each return over the ground below it, or over the nearest known where that is missing;
+    and (n,) bool, whether it is known there. Off the grid nothing is, and the height is NaN."""
     grid = ground.grid
     row, col, inside = grid.cells(cloud.x, cloud.y)
     places = np.array([(cloud.y + grid.half_height), (cloud.x + grid.half_width)]) / grid.resolution
     below = ndimage.map_coordinates(ground.heights, places, order=1, mode="nearest")
-    inside[inside] = ground.quality[row[inside], col[inside]] != MISSING
-    return np.where(inside, cloud.z - below, np.nan)
+    known = inside.copy()
+    known[inside] = ground.quality[row[inside], col[inside]] != MISSING
+    return np.where(inside, cloud.z - below, np.nan), known
 
 
 def _canopy_cell(cloud: PointCloud, pick: np.ndarray) -> float:
@@ -182,8 +186,10 @@ def _plant(kind: CoverKind, crown: Crown) -> dict:
     }  # fmt: skip
 
 
-def buildings(x: np.ndarray, y: np.ndarray, above: np.ndarray) -> list[dict]:
-    """The smallest upright box about each cluster (1 m apart) of building returns of 6 m² or more."""
+def buildings(x: np.ndarray, y: np.ndarray, above: np.ndarray, known: np.ndarray) -> list[dict]:
+    """The smallest upright box about each cluster (1 m apart) of building returns of 6 m² or more.
+
+    known : (n,) whether the ground below each is known; a cluster over none that is would float"""
     cell = 1.0
     col, row = np.rint(x / cell).astype(np.int64), np.rint(y / cell).astype(np.int64)
     col, row = col - col.min(), row - row.min()
@@ -195,7 +201,8 @@ def buildings(x: np.ndarray, y: np.ndarray, above: np.ndarray) -> list[dict]:
     found = []
     for cluster in range(1, count + 1):
         chosen = owner == cluster
-        if (clusters == cluster).sum() * cell**2 >= MIN_BUILDING_AREA and chosen.sum() >= 4:
+        large = (clusters == cluster).sum() * cell**2 >= MIN_BUILDING_AREA and chosen.sum() >= 4
+        if large and known[chosen].any():
             box = _box(np.column_stack([x[chosen], y[chosen]]), float(np.percentile(above[chosen], 95)))
             found.extend([box] if box else [])
     return found

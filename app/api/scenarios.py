@@ -15,6 +15,7 @@ from app.api.bodies import JsonRoute, read_document
 from app.api.upload import read_form
 from app.studio import Studio
 from app.telemetry import mission_document
+from scenes.families import MAX_SIZE
 from scenes.scenario import Document, Family, Name, Scenario, ScenarioError
 
 Id = Annotated[str, Path(description="as the list gives it")]
@@ -63,7 +64,7 @@ class ImportOptions(Document):
 class GeneratorChoice(Document):
     terrain: Family
     seed: Annotated[int, Field(strict=True, ge=0, le=2**63 - 1)]
-    size_m: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=24.0, le=256.0)] = 48.0
+    size_m: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=24.0, le=MAX_SIZE)] = 48.0
 
 
 class SaveChoice(Document):

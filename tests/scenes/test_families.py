@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from scenes.catalogue import CoverKind
-from scenes.families import PASSAGE, RECIPES, generate
+from scenes.families import MAX_SIZE, PASSAGE, RECIPES, generate
 from scenes.placement import within_half_turn
-from scenes.scenario import Family, Scenario, ScenarioError
+from scenes.scenario import MAX_COVER, Family, Scenario, ScenarioError
 from scenes.terrain import SURFACE_CODE, Heightmap, Surface
 from scenes.traversability import blocked_cells, reachable
 
@@ -181,3 +181,8 @@ def test_what_cannot_be_generated_is_refused_in_words(changes, message):
     with pytest.raises(ScenarioError) as caught:
         generate(**arguments)
     assert message in str(caught.value)
+
+
+def test_the_largest_forest_is_thinned_to_what_a_scenario_holds():
+    scenario = generate(Family.FOREST, 3, size_m=MAX_SIZE)
+    assert 0.8 * MAX_COVER < len(scenario.cover) <= MAX_COVER

@@ -122,6 +122,12 @@ def test_what_is_no_survey_is_refused_in_one_line(tmp_path, content, message):
     assert "\n" not in str(caught.value)
 
 
+def test_ground_returns_too_far_apart_are_refused(tmp_path):
+    points = np.array([[0.0, 0.0, 1.0], [30.0, 0.0, 1.0], [15.0, 30.0, 1.0]])
+    with pytest.raises(ScenarioError, match="too far apart"):
+        import_survey(write_las(tmp_path / "three.las", points, 2))
+
+
 def test_an_absent_file_a_folder_and_a_huge_file_are_refused(tmp_path):
     with pytest.raises(ScenarioError, match="cannot be read"):
         import_survey(tmp_path / "none.laz")

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from surveys import crown_points, ground_points, hill, write_las
@@ -79,6 +81,29 @@ def test_building_returns_become_an_upright_box(tmp_path, rng):
     longer = house.yaw if house.length > house.width else house.yaw + 90.0
     assert min((longer - 30.0) % 180.0, (30.0 - longer) % 180.0) < 2.0
     assert house.height == pytest.approx(4.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("length", "width"), [(6.0, 6.0), (12.0, 10.0), (40.0, 25.0)])
+@pytest.mark.parametrize("a_square_metre", [2, 6])
+def test_a_roof_with_no_ground_returns_beneath_it_is_one_building(
+    tmp_path, rng, length, width, a_square_metre
+):
+    ground = ground_points(rng, 80.0, 6400 * a_square_metre)
+    ground = ground[(abs(ground[:, 0]) > 0.5 * length) | (abs(ground[:, 1]) > 0.5 * width)]
+    count = round(length * width * a_square_metre)
+    x, y = rng.uniform(-0.5, 0.5, (2, count)) * [[length], [width]]
+    roof = np.column_stack([x, y, np.full(count, hill(0.0, 0.0) + 7.0)])
+    (house,) = objects_of(tmp_path, ground, (roof, 6))
+    assert sorted((house.length, house.width)) == pytest.approx([width, length], abs=0.8)
+    assert math.hypot(house.x, house.y) < 0.5
+    assert house.height == pytest.approx(7.0, abs=1.5)
+
+
+def test_a_roof_far_from_all_ground_is_left_out(tmp_path, rng):
+    ground = ground_points(rng, 80.0, 8000)
+    ground = ground[np.hypot(ground[:, 0], ground[:, 1]) > 30.0]
+    x, y = rng.uniform(-5.0, 5.0, (2, 600))
+    assert objects_of(tmp_path, ground, (np.column_stack([x, y, hill(x, y) + 5.0]), 6)) == []
 
 
 def test_taller_trees_keep_their_neighbours_farther_away():
