@@ -29,6 +29,16 @@ class History:
             del self._undo[:-DEPTH]
         self._redo.clear()
 
+    @property
+    def before(self) -> Scenario:
+        """What `undo` would go back to. Raises IndexError where there is nothing."""
+        return self._undo[-1][1]
+
+    @property
+    def after(self) -> Scenario:
+        """What `redo` would go forward to. Raises IndexError where there is nothing."""
+        return self._redo[-1]
+
     def undo(self, present: Scenario) -> Scenario:
         """What to go back to. Raises IndexError where there is nothing."""
         _, before = self._undo.pop()

@@ -143,12 +143,21 @@ class _Child:
                 case Edit() if self.mission is not None:
                     self.edit(self.mission, order)
                 case Call(setter, arguments) if self.mission is not None:
-                    _warm_up_for(self.mission, setter, arguments)
-                    getattr(self.mission, setter)(*arguments)
+                    self.call(self.mission, setter, arguments)
         except ValueError as error:
             self.pipe.send(Refused(str(error)))
         self.obeyed += 1
         self.report()
+
+    def call(self, mission: Mission, setter: str, arguments: tuple) -> None:
+        """A robot that was stopped, or is put somewhere after its drive, waits for `Play`."""
+        waits = setter == "stop" or (setter == "set_pose" and mission.status.final)
+        _warm_up_for(mission, setter, arguments)
+        getattr(mission, setter)(*arguments)
+        if waits:
+            self.playing = False
+        if setter in ("stop", "set_pose"):
+            self.save(mission)
 
     def edit(self, mission: Mission, order: Edit) -> None:
         mission.edit(mission.scenario.model_copy(update=order.changes))
@@ -186,9 +195,13 @@ class _Child:
         self.pace.count(mission.tick_s)
         if mission.status.final or now - self.sent >= FRAME_PERIOD_S or not self.playing:
             self.report()
-        if now - self.saved >= SNAPSHOT_PERIOD_S and not mission.status.final:
-            self.saved = now
-            self.pipe.send(Saved(self.generation, mission.snapshot()))
+        if now - self.saved >= SNAPSHOT_PERIOD_S or mission.status.final:
+            self.save(mission)
+
+    def save(self, mission: Mission) -> None:
+        """Give the server what it restores should this process die."""
+        self.saved = time.perf_counter()
+        self.pipe.send(Saved(self.generation, mission.snapshot()))
 
     def report(self) -> None:
         self.sent = time.perf_counter()

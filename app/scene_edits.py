@@ -70,10 +70,14 @@ def removed(scenario: Scenario, selection: Selection) -> Fields:
     return {collection.field: tuple(thing for thing in things if thing is not gone)}
 
 
-def keep_off_the_robot(before: Scenario, after: Scenario, x: float, y: float) -> None:
-    """Raises StudioError (409) where cover that is new stands where the robot does, at (x, y)."""
-    known, here = set(before.cover), np.array([[x, y]])
-    room = HUSKY.circumscribed_radius
-    for thing in after.cover:
-        if thing not in known and thing.footprint.distance(here)[0] < room:
-            raise StudioError(f"the robot stands there: keep {room:.1f} m away from it", 409)
+def keep_off_the_robot(before: Scenario, after: Scenario, x: float, y: float, time_s: float) -> None:
+    """Raises StudioError (409) where something new stands at `time_s` where the robot does, at (x, y)."""
+    here, room = np.array([[x, y]]), HUSKY.circumscribed_radius
+    new = [thing.footprint for thing in _new(before.cover, after.cover)]
+    new += [thing.footprint_at(time_s) for thing in _new(before.obstacles, after.obstacles)]
+    if any(outline.distance(here)[0] < room for outline in new):
+        raise StudioError(f"the robot stands there: keep {room:.1f} m away from it", 409)
+
+
+def _new(before: tuple[Any, ...], after: tuple[Any, ...]) -> set[Any]:
+    return set() if before == after else set(after) - set(before)

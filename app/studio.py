@@ -258,11 +258,13 @@ class Studio(Switchboard):
     def undo(self) -> None:
         if not self._history.can_undo:
             raise StudioError("there is nothing to undo", 409)
+        self._keep_off_the_robot(self._history.before)
         self._adopt(self._history.undo(self.scenario))
 
     def redo(self) -> None:
         if not self._history.can_redo:
             raise StudioError("there is nothing to redo", 409)
+        self._keep_off_the_robot(self._history.after)
         self._adopt(self._history.redo(self.scenario))
 
     def _edit(self, drag: str | None, **changes: Any) -> None:
@@ -271,10 +273,14 @@ class Studio(Switchboard):
             after = self.scenario.revised(**changes)
         except ScenarioError as error:
             raise StudioError(str(error)) from None
-        if "cover" in changes and self.frame is not None:
-            scene_edits.keep_off_the_robot(self.scenario, after, self.frame.pose.x, self.frame.pose.y)
+        self._keep_off_the_robot(after)
         self._history.edited(self.scenario, drag)
         self._adopt(after)
+
+    def _keep_off_the_robot(self, after: Scenario) -> None:
+        if self.frame is not None:
+            pose = self.frame.pose
+            scene_edits.keep_off_the_robot(self.scenario, after, pose.x, pose.y, self.frame.time_s)
 
     def _adopt(self, after: Scenario) -> None:
         before, self.scenario = self.scenario, after
@@ -386,10 +392,11 @@ class Studio(Switchboard):
     def set_pose(self, x: float, y: float, yaw_deg: float) -> None:
         """Put the robot somewhere on the ground."""
         place = scene_edits.validated(Start, {"x": x, "y": y, "yaw": yaw_deg})
-        reason = why_not_standing(self.heightmap, self.scenario.cover, place.x, place.y)
+        yaw = math.radians(place.yaw)
+        reason = why_not_standing(self.heightmap, self.scenario.cover, place.x, place.y, yaw)
         if reason:
             raise StudioError(f"the robot's place {reason}")
-        self._drive.worker.set_pose(place.x, place.y, math.radians(place.yaw))
+        self._drive.worker.set_pose(place.x, place.y, yaw)
 
     def set_method(self, name: str, weights: Path | None = None) -> None:
         """Plan with another method from now on, the learned one with weights of a training where given."""

@@ -5,6 +5,7 @@ pybullet holds the interpreter lock and may crash; in a process of its own neith
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import signal
 import threading
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from multiprocessing import connection
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 from app.mission_process import Call, Edit, Load, Play, Progress, Refused, Saved, Speed, Step, child_main
@@ -22,7 +24,6 @@ from scenes.scenario import Scenario
 
 SILENCE_LIMIT_S = 8.0
 LOADING_LIMIT_S = 180.0
-SLOW_SETTERS = ("set_method",)  # a learned one's libraries take their time
 RESTARTS_BEFORE_GIVING_UP = 3
 CALM_AFTER_S = 60.0  # a process that has lived this long was not broken from the start
 
@@ -36,12 +37,24 @@ class _Listeners:
 
 @dataclass
 class _Running:
+    """A child, and the orders on their way to it: whoever gives one does not wait until it can be taken."""
+
     process: Any
     pipe: connection.Connection
     sent: int = 0
     since: float = field(default_factory=time.monotonic)
     patience_s: float = LOADING_LIMIT_S
     lock: threading.Lock = field(default_factory=threading.Lock)
+    outbox: SimpleQueue = field(default_factory=SimpleQueue)
+
+    def __post_init__(self) -> None:
+        threading.Thread(target=self._post, name="mission-orders", daemon=True).start()
+
+    def _post(self) -> None:
+        # once the child is gone, the watching thread sees it and restores what was loaded
+        with contextlib.suppress(OSError, ValueError):
+            while (order := self.outbox.get()) is not None:
+                self.pipe.send(order)
 
 
 class MissionWorker:
@@ -83,6 +96,7 @@ class MissionWorker:
         with self._guard:
             running = self._running
         if running is not None:
+            running.outbox.put(None)
             running.process.terminate()
             running.process.join(1.0)
             if running.process.is_alive():
@@ -176,14 +190,11 @@ class MissionWorker:
         running = self._running
         if running is None:
             return
-        try:
-            with running.lock:
-                if isinstance(order, Load) or getattr(order, "setter", "") in SLOW_SETTERS:
-                    running.patience_s = LOADING_LIMIT_S
-                running.sent += 1
-                running.pipe.send(order)
-        except (OSError, ValueError):
-            pass  # the child is gone: the watching thread sees it and restores what was loaded
+        with running.lock:
+            if _is_slow(order):
+                running.patience_s = LOADING_LIMIT_S
+            running.sent += 1
+            running.outbox.put(order)
 
     def _watch(self) -> None:
         heard = time.monotonic()
@@ -220,10 +231,13 @@ class MissionWorker:
         elif isinstance(report, Refused):
             self._listeners.refused(report.reason)
         elif report.generation == self._generation:
-            running.patience_s = SILENCE_LIMIT_S
-            self._listeners.progress(report, report.obeyed >= running.sent)
+            current = report.obeyed >= running.sent
+            if current:
+                running.patience_s = SILENCE_LIMIT_S
+            self._listeners.progress(report, current)
 
     def _bury(self, running: _Running, silent: bool) -> None:
+        running.outbox.put(None)
         running.pipe.close()
         with self._guard:
             calm = time.monotonic() - running.since > CALM_AFTER_S
@@ -234,6 +248,16 @@ class MissionWorker:
             self._listeners.died(reason, restore)
             if restore and not self._closing:
                 self._spawn()
+
+
+def _is_slow(order: Any) -> bool:
+    """Whether an order may take longer than a child may be silent."""
+    match order:
+        case Load() | Call(setter="set_method"):
+            return True  # a learned one's libraries take their time
+        case Edit(changes):
+            return "cover" in changes
+    return False
 
 
 def how_it_ended(exitcode: int | None) -> str:

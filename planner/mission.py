@@ -268,17 +268,20 @@ class Mission:
         self._check_drivable()
         self.scenario = self.scenario.model_copy(update={"goal": Point(x=x, y=y)})
         self._begin_leg()
+        self._renew_frame()
 
     def set_pose(self, x: float, y: float, yaw: float) -> None:
         """Put the robot at (x, y) facing `yaw` (radians) and begin a new leg to the same goal.
 
         Raises ValueError where a Husky cannot stand there.
         """
-        reason = why_not_standing(self._heightmap, self.scenario.cover, x, y)
+        reason = why_not_standing(self._heightmap, self.scenario.cover, x, y, yaw)
         if reason is not None:
             raise ValueError(f"the robot's place {reason}")
         self._world.place_robot(x, y, yaw)
         self._begin_leg()
+        self._watch(0.0)
+        self.frame = self._make_frame(None, None, "put somewhere else", False, 0.0)
 
     def set_method(self, name: str, weights: Path | None = None) -> None:
         """Plan with another method from now on, or with weights of a training.
@@ -314,6 +317,13 @@ class Mission:
         self._decision = None
         if scenario.goal != old.goal and not self.status.final:
             self._begin_leg()
+        self._renew_frame()
+
+    def _renew_frame(self) -> None:
+        """Show at once what has changed around the robot; it senses and decides at the next tick."""
+        self._watch(0.0)
+        old = self.frame
+        self.frame = self._make_frame(old.percept, old.decision, old.message, old.in_cover, old.planner_ms)
 
     def stop(self) -> None:
         """End the drive here."""

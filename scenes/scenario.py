@@ -56,12 +56,15 @@ __all__ = [
     "Walker",
     "between",
     "first_message",
+    "husky_footprint",
     "off_the_map",
     "why_not_standing",
     "write_atomically",
 ]
 
 MAX_COVER = 2000
+STANDING_ROOM = 0.02
+"""Metres between a Husky and what stands beside it, for Bullet takes nearer things for touching."""
 MAX_OBSERVERS = 200
 MAX_OBSTACLES = 100
 MAX_WAYPOINTS = 100
@@ -214,10 +217,15 @@ class Scenario(Document):
                 for point in (thing, *beat):
                     if not heightmap.contains(point.x, point.y):
                         raise ValueError(f"{field}[{index}] " + off_the_map(heightmap, point.x, point.y))
-        for field, point in (("start", self.start), ("goal", self.goal)):
-            reason = why_not_standing(heightmap, self.cover, point.x, point.y)
+        yaw = math.radians(self.start.yaw)
+        for field, point, heading in (("start", self.start, yaw), ("goal", self.goal, None)):
+            reason = why_not_standing(heightmap, self.cover, point.x, point.y, heading)
             if reason:
                 raise ValueError(f"{field} {reason}")
+        body = husky_footprint(self.start.x, self.start.y, yaw)
+        for index, obstacle in enumerate(self.obstacles):
+            if obstacle.footprint_at(0.0).gap(body) < STANDING_ROOM:
+                raise ValueError(f"obstacles[{index}] begins where the robot starts; move one of them")
         return self
 
     def revised(self, **changes: Any) -> Scenario:
@@ -271,21 +279,36 @@ def off_the_map(heightmap: Heightmap, x: float, y: float) -> str:
     )
 
 
-def why_not_standing(heightmap: Heightmap, cover: tuple[CoverObject, ...], x: float, y: float) -> str | None:
-    """Why a Husky cannot stand at (x, y), in words that follow 'the goal'; None where it can."""
+def why_not_standing(
+    heightmap: Heightmap, cover: tuple[CoverObject, ...], x: float, y: float, yaw: float | None = None
+) -> str | None:
+    """Why a Husky cannot stand at (x, y), in words that follow 'the goal'; None where it can.
+
+    yaw : radians, the heading that it has there; without one, only what hinders it in any is told"""
     if not heightmap.contains(x, y):
         return off_the_map(heightmap, x, y)
     if heightmap.surface_at(x, y) is Surface.WATER:
         return f"is in water at ({x:g}, {y:g})"
     if heightmap.quality_at(x, y) is Quality.MISSING:
         return f"is where the survey has no data at ({x:g}, {y:g})"
+    body = None if yaw is None else husky_footprint(x, y, yaw)
+    needed = HUSKY.inscribed_radius if body is None else HUSKY.circumscribed_radius
+    west, east, south, north = heightmap.bounds
+    edge = min(x - west, east - x, y - south, north - y)
+    if edge < needed and (body is None or not all(heightmap.contains(*corner) for corner in body.corners)):
+        return f"is {edge:.2f} m from the map's edge at ({x:g}, {y:g}); the Husky needs {needed:.2f} m"
     for thing in cover:
         if math.dist((thing.x, thing.y), (x, y)) > 0.5 * math.hypot(thing.length, thing.width) + 1.0:
             continue
         gap = float(thing.footprint.distance(np.array([[x, y]]))[0])
-        if gap < HUSKY.inscribed_radius:
-            label = f"{CATALOGUE[thing.kind].class_name} {thing.id}"
-            if gap < 0.0:
-                return f"is inside a {label} at ({x:g}, {y:g})"
-            return f"is {gap:.2f} m from {label}; the Husky needs {HUSKY.inscribed_radius:.2f} m"
+        label = f"{CATALOGUE[thing.kind].class_name} {thing.id}"
+        if gap < 0.0:
+            return f"is inside a {label} at ({x:g}, {y:g})"
+        if gap < HUSKY.inscribed_radius or (body is not None and thing.footprint.gap(body) < STANDING_ROOM):
+            return f"is {gap:.2f} m from {label}; the Husky needs {needed:.2f} m"
     return None
+
+
+def husky_footprint(x: float, y: float, yaw: float) -> Footprint:
+    """What a Husky with its middle at (x, y) and that heading in radians covers."""
+    return Footprint(x, y, yaw, HUSKY.length, HUSKY.width, round=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from typing import Any
 
@@ -61,7 +62,7 @@ walkers = st.builds(
     x=coordinates,
     y=coordinates,
     patrol=st.none() | patrols,
-)
+).filter(lambda walker: math.dist((walker.x, walker.y), (-6.0, 0.0)) > 3.0)  # off the robot
 
 
 def distinct(things: st.SearchStrategy) -> st.SearchStrategy:
@@ -184,6 +185,17 @@ def terrain_with(**fields: Any) -> dict[str, Any]:
         (terrain_with(surface=["ä" * 41] * 41), "terrain: surface row 0", "agmrstvw"),
         (terrain_with(quality=["?" * 41] * 41), "terrain: quality row 0", ".ix"),
         (terrain_with(surface=["w" * 41] * 41), "start is in water", ""),
+        ({"start": {"x": -9.5, "y": 0.0, "yaw": 20.0}}, "start is 0.50 m from the map's edge", "0.60 m"),
+        ({"goal": {"x": 9.9, "y": 0.0}}, "goal is 0.10 m from the map's edge", "needs 0.3"),
+        (
+            {"cover": [{"id": 3, "kind": "rock", "x": -6.0, "y": 1.4, "length": 2.0, "width": 2.0}],
+             "start": {"x": -6.0, "y": 0.0, "yaw": 60.0}},
+            "start is 0.50 m from rock 3", "0.60 m",
+        ),
+        (
+            {"obstacles": [{"id": 1, "kind": "vehicle", "x": -4.0, "y": 0.0}]},
+            "obstacles[0] begins where the robot starts", "move one of them",
+        ),
         (terrain_with(quality=["x" * 41] * 41), "start is where the survey has no data", ""),
         (terrain_with(source={"kind": "moon"}), "terrain.source: ", "'generated', 'survey'"),
     ],
