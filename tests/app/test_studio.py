@@ -247,6 +247,27 @@ def test_a_dead_mission_process_is_said_and_the_mission_goes_on(tmp_path, meadow
     live(tmp_path, meadow, story)
 
 
+def test_nothing_is_put_or_brought_back_where_the_robot_stands(tmp_path, meadow):
+    async def story(studio: Studio) -> None:
+        studio.set_perception("oracle")
+        rock = studio.add_cover(CoverSpec(kind="rock", x=-3.0, y=-3.0))
+        studio.delete_cover(rock.id)
+        studio.step()
+        await until(lambda: studio.frame is not None and studio.frame.tick == 1)
+        studio.set_pose(-3.0, -3.0, 0.0)
+        await until(lambda: studio.frame.pose.y < -2.5)
+        for put in (
+            studio.undo,
+            lambda: studio.add_cover(CoverSpec(kind="rock", x=-3.2, y=-3.0)),
+            lambda: studio.add_obstacle(ObstacleSpec(kind="vehicle", x=-1.0, y=-3.0)),
+        ):
+            with pytest.raises(StudioError, match="the robot stands there"):
+                put()
+        assert studio.can_undo and not studio.can_redo
+
+    live(tmp_path, meadow, story)
+
+
 def test_commands_posted_from_other_threads_keep_their_order_and_report_refusals(tmp_path, meadow):
     async def story(studio: Studio) -> None:
         refused = []

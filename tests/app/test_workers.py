@@ -3,13 +3,16 @@
 import os
 import queue
 import signal
+import threading
 import time
 
+import numpy as np
 import pytest
 
 from app.mission_process import Progress
 from app.workers import RESTARTS_BEFORE_GIVING_UP, MissionWorker
 from planner.frames import Perception, Status
+from scenes.scenario import Point
 
 PATIENCE_S = 60.0
 
@@ -85,6 +88,41 @@ def test_a_killed_process_is_replaced_and_goes_on_from_its_last_state(worker, re
     worker.play(True)
     after = reports.until(lambda report: report.frame.time_s > before.frame.time_s + 0.5)
     assert after.frame.pose.x > restored.frame.pose.x
+
+
+def test_where_it_was_put_is_kept_over_a_death(worker, reports, meadow):
+    worker.load(meadow, "least_cost", 0, Perception.ORACLE)
+    worker.step()
+    reports.until(lambda report: report.status is Status.PAUSED)
+    worker.set_pose(-3.0, -3.0, 0.0)
+    reports.until(lambda report: report.frame.pose.y < -2.5)
+    os.kill(worker.pid, signal.SIGKILL)
+    reports.deaths.get(timeout=PATIENCE_S)
+    restored = reports.until(lambda report: report.status is Status.PAUSED)
+    assert (restored.frame.pose.x, restored.frame.pose.y) == pytest.approx((-3.0, -3.0), abs=0.1)
+
+
+def test_stopped_it_stays_whatever_the_goal_until_it_is_told_to_play(worker, reports, meadow):
+    worker.load(meadow, "least_cost", 0, Perception.ORACLE, playing=True)
+    reports.until(lambda report: report.frame is not None and report.frame.tick >= 3)
+    worker.stop()
+    stopped = reports.until(lambda report: report.status is Status.STOPPED)
+    worker.edit(meadow.revised(goal=Point(x=2.0, y=-2.0)), ("goal",), goal_set=True)
+    waiting = reports.until(lambda report: report.status is not Status.STOPPED)
+    assert waiting.status is Status.PAUSED and waiting.frame.tick == stopped.frame.tick
+    worker.play(True)
+    reports.until(lambda report: report.frame.tick > stopped.frame.tick)
+
+
+def test_an_order_is_taken_at_once_while_a_process_is_starting(worker, meadow):
+    ground = meadow.terrain.model_copy(
+        update={"heights": np.zeros((900, 900)), "surface": ("g" * 900,) * 900, "quality": None}
+    )
+    worker.load(meadow.model_copy(update={"terrain": ground}), "least_cost", 0, Perception.ORACLE)
+    giving = threading.Thread(target=worker.step, daemon=True)
+    giving.start()
+    giving.join(1.0)
+    assert not giving.is_alive() and worker.pid is not None
 
 
 def test_a_process_that_dies_again_and_again_is_given_up_until_asked_for(worker, reports, meadow):

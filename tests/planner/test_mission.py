@@ -153,11 +153,20 @@ def test_the_robot_can_be_put_somewhere_else(mission):
     drive = mission(field(), perception=Perception.ORACLE)
     ticks(drive, 3)
     drive.set_pose(-4.0, 2.0, math.pi / 2)
+    assert math.hypot(drive.frame.pose.x + 4.0, drive.frame.pose.y - 2.0) < 0.1
     frame = drive.tick()
     assert math.hypot(frame.pose.x + 4.0, frame.pose.y - 2.0) < 0.1
     assert frame.pose.yaw == pytest.approx(math.pi / 2, abs=0.2)
     with pytest.raises(ValueError, match="the robot's place is off the map"):
         drive.set_pose(50.0, 0.0, 0.0)
+
+
+def test_what_observers_see_is_told_anew_when_they_change(mission):
+    drive = mission(field(observers=(Observer(id=1, x=0.0, y=8.0, yaw=-90.0),)), perception=Perception.ORACLE)
+    ticks(drive, 3)
+    assert drive.frame.exposure.fraction > 0.0
+    drive.edit(drive.scenario.revised(observers=()))
+    assert drive.frame.exposure.fraction == 0.0 and drive.frame.observers == ()
 
 
 def test_method_and_perception_can_be_switched_on_the_way(mission):
