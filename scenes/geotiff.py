@@ -17,7 +17,7 @@ from rasterio.errors import NotGeoreferencedWarning
 from rasterio.windows import Window
 
 from scenes.georeference import Extent, Georeference, choose_region, georeference
-from scenes.ground import INTERPOLATED, MEASURED, SurveyGround, fill_gaps, surface_by_slope
+from scenes.ground import INTERPOLATED, MEASURED, MISSING, SurveyGround, fill_gaps, surface_by_slope
 from scenes.scenario import ScenarioError
 
 MAX_PIXELS = 100_000_000
@@ -83,13 +83,10 @@ def _resample(raster, crop, resolution) -> SurveyGround:
     grid = region.grid(max(pixel), resolution)
     x, y = reference.to_native(*grid.to_survey(*grid.xy()))
     cols, rows = _apply(~to_native, x, y)
-    heights, offset = _sample(raster, rows, cols, grid.resolution, pixel)
-    heights *= VERTICAL_UNITS.get((raster.units[0] or "").strip().lower(), reference.vertical_unit)
-    heights[~((heights >= ELEVATION_RANGE[0]) & (heights <= ELEVATION_RANGE[1]))] = np.nan
-    if np.isnan(heights).all():
-        raise ScenarioError("has no elevation in the chosen part: every pixel there is nodata")
-    heights, quality = fill_gaps(heights, grid.resolution, max(MIN_GAP, GAP_PIXELS * max(pixel)))
-    quality[(quality == MEASURED) & (offset > 0.75 * grid.resolution)] = INTERPOLATED
+    unit = VERTICAL_UNITS.get((raster.units[0] or "").strip().lower(), reference.vertical_unit)
+    heights, between = _sample(raster, rows, cols, grid.resolution, pixel, unit)
+    heights, quality = fill_gaps(heights, grid.resolution, 0.0)  # what is left is too wide to bridge
+    quality[(quality == MEASURED) & between] = INTERPOLATED
     surface = surface_by_slope(heights, quality, grid.resolution)
     return SurveyGround(reference, grid, heights, quality, surface)
 
@@ -139,10 +136,10 @@ def _pixel_size(
 
 
 def _sample(
-    raster, rows: np.ndarray, cols: np.ndarray, resolution: float, pixel: tuple[float, float]
+    raster, rows: np.ndarray, cols: np.ndarray, resolution: float, pixel: tuple[float, float], unit: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Bilinear values at fractional pixel places (corner-based), NaN where a pixel that counts is missing,
-    and the distance in metres to the nearest pixel centre."""
+    """Bilinear heights in metres at fractional pixel places (corner-based), NaN where a pixel that counts is
+    missing in a gap too wide to bridge; and whether a place is far from all measured pixels' centres."""
     step_r, step_c = (max(1, int(resolution / size + 1e-6)) for size in pixel)
     first_r, last_r = _span(rows, step_r, raster.height)
     first_c, last_c = _span(cols, step_c, raster.width)
@@ -153,10 +150,17 @@ def _sample(
             f"the chosen part is {last_r - first_r} × {last_c - first_c} pixels, over {MAX_PIXELS:,}: "
             "crop to less"
         )
-    values = _averaged(raster, first_r, last_r, first_c, last_c, step_r, step_c)
+    values = unit * _averaged(raster, first_r, last_r, first_c, last_c, step_r, step_c)
+    values[~((values >= ELEVATION_RANGE[0]) & (values <= ELEVATION_RANGE[1]))] = np.nan
+    if np.isnan(values).all():
+        raise ScenarioError("has no elevation in the chosen part: every pixel there is nodata")
+    spacing = max(step_r * pixel[0], step_c * pixel[1])
+    filled, quality = fill_gaps(values, spacing, max(MIN_GAP, GAP_PIXELS * max(pixel)))
     r, c = (rows - first_r) / step_r - 0.5, (cols - first_c) / step_c - 0.5
     away = np.hypot((r - np.rint(r)) * step_r * pixel[0], (c - np.rint(c)) * step_c * pixel[1])
-    return _bilinear(values, r, c), away
+    bridged = _bilinear((quality == INTERPOLATED).astype(float), r, c) > 1e-9
+    heights = _bilinear(np.where(quality == MISSING, np.nan, filled), r, c)
+    return heights, bridged | (away > 0.75 * resolution)
 
 
 def _span(places: np.ndarray, step: int, size: int) -> tuple[int, int]:

@@ -7,6 +7,7 @@ import { follow } from "./stream.js";
 const $ = (id) => document.getElementById(id);
 const FAILED = new Set(["collided", "rolled_over", "timeout", "stuck", "unreachable"]);
 const VISITED = "covernav.visited";
+const GREETED = "covernav.greeted"; // once is enough, however often the page is loaded
 const METHODS = { least_cost: "least cost", dwa: "plain DWA" };
 
 let status = "idle";
@@ -65,7 +66,7 @@ function recall(key) {
 
 function welcome() {
   const visited = recall(VISITED) !== null;
-  let greeted = visited || location.hash === "#replay"; // there something moves already
+  let greeted = visited || recall(GREETED) !== null || location.hash === "#replay"; // there something moves already
   $("hints").hidden = visited;
   $("hints-button").addEventListener("click", () => {
     $("hints").hidden = true;
@@ -74,6 +75,7 @@ function welcome() {
   return (state) => {
     if (greeted) return;
     greeted = true;
+    remember(GREETED, "yes");
     if (state.status === "idle") command("/api/mission/start");
   };
 }

@@ -76,6 +76,22 @@ def test_undeclared_sentinels_count_as_missing(tmp_path, sentinel):
     assert ground.heights.min() > 90.0 and ground.heights.max() < 110.0
 
 
+@pytest.mark.parametrize("pattern", ["half of the pixels", "every second row", "checkerboard"])
+def test_scattered_holes_are_bridged_wherever_they_lie(tmp_path, pattern):
+    pixels = hill_pixels(60, 60)
+    row, col = np.indices(pixels.shape)
+    holes = {
+        "half of the pixels": np.random.default_rng(3).random(pixels.shape) < 0.5,
+        "every second row": row % 2 == 1,
+        "checkerboard": (row + col) % 2 == 1,
+    }[pattern]
+    pixels[holes] = -9999.0
+    ground = read_geotiff(write_geotiff(tmp_path / "a.tif", pixels, nodata=-9999.0), None, None)
+    assert (inner(ground.quality) == MISSING).mean() < 0.01
+    assert (inner(ground.quality) == INTERPOLATED).mean() > 0.4
+    np.testing.assert_allclose(inner(ground.heights), inner(true_heights(ground)), atol=0.15)
+
+
 def test_between_coarse_pixels_heights_are_interpolated(tmp_path):
     path = write_geotiff(tmp_path / "a.tif", hill_pixels(20, 20, 10.0), pixel=10.0)
     ground = read_geotiff(path, None, None)
