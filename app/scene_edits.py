@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from app.changes import COLLECTIONS, Kind, Selection, StudioError
+from scenes.document import MAX_ID
 from scenes.robot import HUSKY
 from scenes.scenario import Document, Scenario, first_message
 
@@ -45,6 +46,8 @@ def added(scenario: Scenario, kind: Kind, spec: Document) -> tuple[Fields, Any]:
     collection = COLLECTIONS[kind]
     things = getattr(scenario, collection.field)
     number = max((thing.id for thing in things), default=0) + 1
+    if number > MAX_ID:
+        number = min(set(range(1, len(things) + 2)) - {thing.id for thing in things})
     thing = validated(collection.model, spec.model_dump() | {"id": number})
     return {collection.field: (*things, thing)}, thing
 

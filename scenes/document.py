@@ -20,7 +20,8 @@ def between(low: float, high: float) -> Any:
 
 Coordinate = Annotated[float, between(-5000.0, 5000.0)]
 Degrees = Annotated[float, between(-360.0, 360.0)]
-Identifier = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
+MAX_ID = 1_000_000
+Identifier = Annotated[int, Field(strict=True, ge=1, le=MAX_ID)]
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f<>]+$")]
 
 

@@ -51,8 +51,9 @@ def router(studio: Studio, kind: Kind) -> APIRouter:
 
 def partial_of(spec: type[Document]) -> type[Document]:
     """The spec with every field optional: left out means unchanged; null is what the spec makes of null."""
-    fields: dict[str, Any] = {
-        name: (Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation, None)
+    kinds = {
+        name: Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation
         for name, info in spec.model_fields.items()
     }
+    fields: dict[str, Any] = {name: (kind | None, None) for name, kind in kinds.items()}
     return create_model(spec.__name__.replace("Spec", "Changes"), __base__=Document, **fields)

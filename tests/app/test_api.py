@@ -9,6 +9,7 @@ from app.api.upload import harmless_name
 from app.changes import Change
 from planner.frames import Status
 from planner.methods import METHODS
+from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.scenario import Scenario
 
 OBSERVER = {"x": 1.0, "y": 6.0, "yaw": 90, "range": 12.5, "patrol": {"waypoints": [{"x": 2, "y": 6}]}}
@@ -150,6 +151,9 @@ def test_a_cover_object_takes_the_usual_size_of_its_class_and_keeps_a_size_throu
     assert rock["length"] > 0.0 and rock["height"] == 2.25
     moved = client.patch(f"/api/cover/{rock['id']}", json={"x": -6}).json()
     assert moved == rock | {"x": -6.0}
+    usual = client.patch(f"/api/cover/{rock['id']}", json={"kind": "bush", "height": None}).json()
+    assert usual["height"] == CATALOGUE[CoverKind.BUSH].height.usual and usual["length"] == rock["length"]
+    assert client.patch(f"/api/cover/{rock['id']}", json={"x": None}).status_code == 422
 
 
 def test_an_edit_is_undone_and_redone(client):

@@ -48,6 +48,12 @@ def test_setting_the_goal_edits_the_scenario_and_tells_the_mission(studio):
     assert Change.EDITED in told and studio.dirty
 
 
+def test_a_new_thing_takes_a_free_number_even_where_the_highest_is_taken(studio, meadow):
+    last = meadow.observers[0].model_copy(update={"id": 1_000_000})
+    studio.scenario = meadow.revised(observers=(last,))
+    assert studio.add_observer(ObserverSpec(x=1.0, y=6.0)).id == 1
+
+
 @pytest.mark.parametrize(
     ("edit", "reason"),
     [
