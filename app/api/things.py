@@ -51,7 +51,7 @@ def router(studio: Studio, kind: Kind) -> APIRouter:
 
 def partial_of(spec: type[Document]) -> type[Document]:
     """The spec with every field optional: left out means unchanged; null is what the spec makes of null."""
-    kinds = {
+    kinds: dict[str, Any] = {
         name: Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation
         for name, info in spec.model_fields.items()
     }
