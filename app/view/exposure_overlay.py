@@ -51,13 +51,12 @@ class ExposureOverlay:
         try:
             while self._wanted is not None and self._paper is not None:
                 wanted, paper, self._wanted = self._wanted, self._paper, None
-                await self._send(wanted, paper, rough=True)
-                if self._wanted is None and self._up_to_date(wanted[0]):
-                    await self._send(wanted, paper, rough=False)
-        except asyncio.CancelledError:
-            raise
-        except Exception:
-            log.exception("the exposure could not be drawn")
+                try:
+                    await self._send(wanted, paper, rough=True)
+                    if self._wanted is None and self._up_to_date(wanted[0]):
+                        await self._send(wanted, paper, rough=False)
+                except Exception:  # what is wanted by now is drawn all the same
+                    log.exception("the exposure could not be drawn")
         finally:
             self._painting = False
 
