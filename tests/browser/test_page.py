@@ -39,9 +39,11 @@ def viewer(page: Page) -> FrameLocator:
     return frame
 
 
-def wait_for(ask: Callable[[], Any], wanted: Callable[[Any], bool]) -> Any:
+def wait_for(
+    ask: Callable[[], Any], wanted: Callable[[Any], bool], patience_s: float = PATIENCE_MS / 1000
+) -> Any:
     """Ask until the answer is as wanted."""
-    end = time.monotonic() + PATIENCE_MS / 1000
+    end = time.monotonic() + patience_s
     while True:
         answer = ask()
         if wanted(answer):

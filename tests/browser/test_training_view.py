@@ -9,7 +9,8 @@ from test_page import wait_for
 
 pytestmark = pytest.mark.browser
 
-SECONDS_TO_ANSWER = 15.0  # of a page in software rendering; a page that is held up takes longer
+TRAINING_PATIENCE_S = 400.0  # it leaves the processor to whatever else is running
+SECONDS_TO_ANSWER = 30.0  # of a page in software rendering beside other work
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,9 @@ def test_a_training_is_begun_watched_and_stopped_from_the_panel(page, viewer, se
     training = wait_for(lambda: server.ask("/api/training"), lambda them: len(them) == 1)[0]
     assert training["plan"]["task"] == "curriculum" and training["plan"]["reward"] == "corrected"
     expect(viewer.get_by_text("Training 1 is")).to_be_visible(timeout=PATIENCE_MS)
-    wait_for(lambda: server.ask("/api/training/1"), lambda training: training["episodes"] >= 1)
+    wait_for(
+        lambda: server.ask("/api/training/1"), lambda training: training["episodes"] >= 1, TRAINING_PATIENCE_S
+    )
     expect(viewer.locator(".uplot").first).to_be_visible(timeout=PATIENCE_MS)
     expect(viewer.get_by_text("What it sees, and the truth")).to_be_visible(timeout=PATIENCE_MS)
 
@@ -35,7 +38,9 @@ def test_a_training_is_begun_watched_and_stopped_from_the_panel(page, viewer, se
 
     viewer.get_by_role("button", name="Stop", exact=True).last.click()
     ended = wait_for(
-        lambda: server.ask("/api/training/1"), lambda training: training["status"] == "stopped"
+        lambda: server.ask("/api/training/1"),
+        lambda training: training["status"] == "stopped",
+        TRAINING_PATIENCE_S,
     )
     assert ended["episodes"] >= 1 and "policy" in ended["checkpoints"]
     expect(viewer.get_by_text("Training 1 is stopped")).to_be_visible(timeout=PATIENCE_MS)
