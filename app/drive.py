@@ -152,7 +152,7 @@ class Drive:
             self._follow(*changed)
 
     def _follow(self, report: Progress, current: bool) -> None:
-        before = (self.status, self.message, self.error)
+        before, said = (self.status, self.error), self.message
         if current:
             self.status, self.real_factor = report.status, report.real_factor
             if report.status is Status.RUNNING:
@@ -162,7 +162,8 @@ class Drive:
         self.message = self._in_words()
         if report.frame is not None:
             self._tell(Change.FRAME)
-        if before != (self.status, self.message, self.error):
+        words = report.frame is None and self.message != said  # else they go with the frame
+        if words or before != (self.status, self.error):
             self._tell(Change.STATUS)
 
     def _mourn(self, reason: str, restoring: bool) -> None:

@@ -1,7 +1,8 @@
 """What the studio says of itself: the mission document, and the socket that sends it as it changes.
 
-At most ten messages a second. A change that a person made goes out at once; frames leave room for that. A
-slow reader gets the newest state and none of those between; one that stops reading is closed.
+At most ten messages a second. A change that a person made goes out at once; frames, and the pictures that
+follow a change, leave room for that. A slow reader gets the newest state and none of those between; one that
+stops reading is closed.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import time
 from collections import Counter, deque
 from dataclasses import asdict
+from enum import IntEnum
 from typing import Any
 
 from fastapi import WebSocket, WebSocketDisconnect
@@ -24,8 +26,7 @@ from scenes.pose import Pose
 
 WINDOW_S = 1.05  # a little over a second, so that ten sent within a second arrive as ten at most
 MOST_IN_WINDOW = 10
-FRAMES_IN_WINDOW = 7  # three are kept for what people change
-FRAME_GAP_S = 0.125
+GAP_S = 0.125
 DRAG_GAP_S = 0.2  # edits that follow each other sooner belong to one movement of a hand
 STALL_S = 10.0
 
@@ -156,8 +157,16 @@ class Revisions:
         return {change.value: self._counts[change] for change in told}
 
 
+class Turn(IntEnum):
+    """What a message tells, by the messages within a window of which it may be the last."""
+
+    FRAME = 7
+    PICTURE = 9
+    CHANGE = MOST_IN_WINDOW
+
+
 class Pace:
-    """When the next message may go: at most MOST_IN_WINDOW in any window, frames fewer and evenly spaced."""
+    """When the next message may go: at most MOST_IN_WINDOW in any window, frames and pictures apart."""
 
     def __init__(self) -> None:
         self._sent: deque[float] = deque(maxlen=MOST_IN_WINDOW)
@@ -165,47 +174,51 @@ class Pace:
     def sent(self, now: float) -> None:
         self._sent.append(now)
 
-    def earliest(self, urgent: bool) -> float:
-        """The earliest time, on the clock that `sent` is told, for an urgent message or for a frame."""
-        if urgent:
-            return self._after(MOST_IN_WINDOW, WINDOW_S)
-        return max(self._after(FRAMES_IN_WINDOW, WINDOW_S), self._after(1, FRAME_GAP_S))
+    def earliest(self, turn: Turn) -> float:
+        """The earliest time, on the clock that `sent` is told, for a message that tells of `turn`."""
+        due = self._after(turn, WINDOW_S)
+        return due if turn is Turn.CHANGE else max(due, self._after(1, GAP_S))
 
     def _after(self, back: int, gap: float) -> float:
         return self._sent[-back] + gap if len(self._sent) >= back else -math.inf
 
 
 class _Listener:
-    """One reader's pending news, and whether somebody waits for them."""
+    """One reader's pending news: whether there are any, and the most urgent of them."""
 
     def __init__(self, studio: Studio) -> None:
         self._studio = studio
         self._edited_at = -math.inf
+        self.turn = Turn.FRAME
         self.news = asyncio.Event()
-        self.urgent = asyncio.Event()
+        self.raised = asyncio.Event()
 
     def hear(self, change: Change) -> None:
+        turn = self._turn_of(change)
+        if turn > self.turn:
+            self.turn = turn
+            self.raised.set()
         self.news.set()
-        if self._awaited(change):
-            self.urgent.set()
 
-    def _awaited(self, change: Change) -> bool:
+    def _turn_of(self, change: Change) -> Turn:
         """A drag's many edits and their pictures may wait for their turn, or they would use up the turns of
         what ends it."""
         match change:
             case Change.FRAME | Change.EXPOSURE | Change.TRAINING:
-                return False
+                return Turn.FRAME
             case Change.OVERLAY:
                 overlay = self._studio.overlay
-                return overlay is not None and overlay.edits == self._studio.edits
+                awaited = overlay is not None and overlay.edits == self._studio.edits
+                return Turn.PICTURE if awaited else Turn.FRAME
             case Change.EDITED:
                 before, self._edited_at = self._edited_at, time.monotonic()
-                return self._edited_at - before > DRAG_GAP_S
-        return True
+                return Turn.CHANGE if self._edited_at - before > DRAG_GAP_S else Turn.FRAME
+        return Turn.CHANGE
 
     def heard(self) -> None:
+        self.turn = Turn.FRAME
         self.news.clear()
-        self.urgent.clear()
+        self.raised.clear()
 
 
 async def stream(websocket: WebSocket, studio: Studio, revisions: Revisions) -> None:
@@ -236,15 +249,13 @@ async def _tell(websocket: WebSocket, studio: Studio, revisions: Revisions, list
 
 
 async def _until_due(pace: Pace, listener: _Listener) -> None:
-    """Wait for the turn of a frame; what a person changes meanwhile comes sooner."""
-    wait = pace.earliest(urgent=False) - time.monotonic()
-    if wait > 0.0 and not listener.urgent.is_set():
+    """Wait for the turn of what has changed; more urgent news meanwhile come sooner."""
+    while (wait := pace.earliest(listener.turn) - time.monotonic()) > 0.0:
+        listener.raised.clear()
         try:
-            await asyncio.wait_for(listener.urgent.wait(), wait)
+            await asyncio.wait_for(listener.raised.wait(), wait)
         except TimeoutError:
             return
-    if listener.urgent.is_set():
-        await asyncio.sleep(max(0.0, pace.earliest(urgent=True) - time.monotonic()))
 
 
 async def _until_gone(websocket: WebSocket) -> None:

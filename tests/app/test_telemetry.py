@@ -10,7 +10,16 @@ from served import BEARER, OPEN_ID, application, browser, silent_studio
 
 from app import telemetry
 from app.changes import Change, Kind, Selection
-from app.telemetry import MOST_IN_WINDOW, Pace, Revisions, mission_document, stream, telemetry_document
+from app.telemetry import (
+    GAP_S,
+    MOST_IN_WINDOW,
+    Pace,
+    Revisions,
+    Turn,
+    mission_document,
+    stream,
+    telemetry_document,
+)
 from planner.frames import Exposure, Frame, Metrics, Status, Watch
 from scenes.pose import Pose, Twist
 from scenes.scenario import ObserverSpec
@@ -94,12 +103,12 @@ def test_the_stream_says_what_a_page_shows_around_the_mission(studio):
     assert document["metrics"]["v"] == 0.5
 
 
-@given(st.lists(st.tuples(st.floats(0.0, 0.3), st.booleans()), min_size=1, max_size=200))
+@given(st.lists(st.tuples(st.floats(0.0, 0.3), st.sampled_from(Turn)), min_size=1, max_size=200))
 def test_no_second_holds_more_than_ten_messages(arrivals):
     """Whatever mix of frames and changes wants to go out, at whatever times."""
     pace, now, sent = Pace(), 0.0, []
-    for gap, urgent in arrivals:
-        now = max(now + gap, pace.earliest(urgent))
+    for gap, turn in arrivals:
+        now = max(now + gap, pace.earliest(turn))
         pace.sent(now)
         sent.append(now)
     for first, last in zip(sent, sent[MOST_IN_WINDOW:], strict=False):
@@ -110,12 +119,39 @@ def test_frames_leave_room_for_what_people_change():
     """While frames come without pause, three changes a second go out at once."""
     pace, now = Pace(), 0.0
     for _ in range(50):
-        now = max(now, pace.earliest(urgent=False))
+        now = max(now, pace.earliest(Turn.FRAME))
         pace.sent(now)
     for _ in range(3):
-        assert pace.earliest(urgent=True) <= now
+        assert pace.earliest(Turn.CHANGE) <= now
         pace.sent(now)
-    assert pace.earliest(urgent=True) > now
+    assert pace.earliest(Turn.CHANGE) > now
+
+
+@pytest.mark.parametrize("changes_per_second", [1, 2, 3, 4])
+def test_whoever_changes_things_again_and_again_waits_for_none(changes_per_second):
+    """Four changes a second, each followed by its picture, among frames without pause."""
+    pace, period = Pace(), 1.0 / changes_per_second
+    for change in range(40):
+        moment = change * period
+        assert pace.earliest(Turn.CHANGE) <= moment
+        pace.sent(moment)
+        if (picture := max(moment + 0.02, pace.earliest(Turn.PICTURE))) < moment + period:
+            pace.sent(picture)
+            moment = picture
+        while (frame := max(moment, pace.earliest(Turn.FRAME))) < (change + 1) * period:
+            pace.sent(frame)
+            moment = frame
+
+
+@given(st.floats(0.02, 0.1), st.integers(1, 100))
+def test_the_picture_that_ends_a_drag_waits_for_no_more_than_one_gap(period, moves):
+    """However many pictures the drag has had before it, and however quickly they came."""
+    pace = Pace()
+    pace.sent(0.0)
+    for move in range(1, moves + 1):
+        if pace.earliest(Turn.PICTURE) <= move * period:
+            pace.sent(move * period)
+    assert pace.earliest(Turn.PICTURE) <= moves * period + GAP_S
 
 
 def test_a_reader_gets_the_present_state_at_once_and_then_each_change(studio):
@@ -156,7 +192,7 @@ class Reader:
 
 
 def test_a_slow_reader_gets_the_newest_and_none_between(studio, monkeypatch):
-    monkeypatch.setattr(telemetry, "FRAME_GAP_S", 0.0)
+    monkeypatch.setattr(telemetry, "GAP_S", 0.0)
 
     async def run() -> Reader:
         reader = Reader()
