@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asking import PATIENCE_MS
+from asking import PATIENCE_MS, dismiss_warning
 from PIL import Image
 from playwright.sync_api import FrameLocator, Page, expect
 
 from app.view.camera import FIELD_OF_VIEW, Viewpoint, opening_view
+from app.view.gizmo import LIFT
 from scenes.library import load_shipped
 from scenes.rays import RayScene
 from scenes.scenario import Scenario, why_not_standing
@@ -21,6 +22,8 @@ pytestmark = pytest.mark.browser
 
 DRIVE = 3.5
 """Metres to drive: far enough to be a drive, near enough for a machine that also renders in software."""
+HANDLE = 0.45
+"""Metres from an observer, along both of its axes, to the square between the arrows of its handles."""
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +36,7 @@ def viewer(page: Page) -> FrameLocator:
     """The 3D view once it is connected and its panel stands."""
     frame = page.frame_locator("#viewer")
     frame.get_by_role("button", name="Goal", exact=True).wait_for()
-    close = frame.locator(".mantine-Notification-root button")
-    if close.count():
-        close.first.click()  # the view's warning that it renders in software
+    dismiss_warning(frame)
     return frame
 
 
@@ -132,6 +133,34 @@ def test_an_observer_placed_by_a_click_appears_in_the_interface(page, viewer, se
     after = wait_for(lambda: server.ask("/api/observers"), lambda them: len(them) == len(before) + 1)
     assert math.dist((after[-1]["x"], after[-1]["y"]), (x, y)) < 0.3
     disarm(page)
+
+
+def test_the_handles_move_what_is_selected_and_the_drag_is_one_step_back(page, viewer, server, scenario):
+    """The square between the handles' arrows, dragged 2 m back and 0.5 m to the left."""
+    placed = server.ask("/api/observers")[-1]
+    heightmap = scenario.terrain.heightmap()
+    view = opening_view(scenario, heightmap, RayScene(heightmap, scenario.cover))
+    canvas = viewer.locator("canvas").first.bounding_box()
+    ground = float(heightmap.height_at(placed["x"], placed["y"]))
+
+    def beside(ahead: float, left: float) -> np.ndarray:
+        yaw = math.radians(placed["yaw"])
+        turned = complex(ahead, left) * complex(math.cos(yaw), math.sin(yaw))
+        return np.array([placed["x"] + turned.real, placed["y"] + turned.imag, ground + LIFT])
+
+    target = beside(-2.0, 0.5)
+    page.mouse.move(*pixel(beside(HANDLE, HANDLE), view, canvas))
+    page.mouse.down()
+    page.mouse.move(*pixel(beside(HANDLE - 2.0, HANDLE + 0.5), view, canvas), steps=5)
+    page.mouse.up()
+    moved = wait_for(
+        lambda: server.ask("/api/observers")[-1],
+        lambda observer: math.dist((observer["x"], observer["y"]), target[:2]) < 0.1,
+    )
+    assert moved == placed | {"x": moved["x"], "y": moved["y"]}
+    page.locator("#scenario").click()
+    page.keyboard.press("Control+z")
+    wait_for(lambda: server.ask("/api/observers")[-1], lambda observer: observer == placed)
 
 
 def test_undo_and_redo_work_from_the_page_around_the_view(page, viewer, server):
