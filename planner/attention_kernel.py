@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def attend(features, w1, b1, w2, b2, kernel, bias):
     """Features after both attentions, and what the gradient needs: pooled (n, 2, channels), hidden
     (n, 2, hidden), place of each channel's maximum and its gate (n, channels), channel of each place's
@@ -65,13 +65,13 @@ def attend(features, w1, b1, w2, b2, kernel, bias):
     return out.reshape(features.shape), pooled, hidden, peak, gate, strongest, place_gate, maps
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sigmoid(value):
     one = value - value + 1
     return one / (one + np.exp(-value))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pool(values, cols):
     """Mean, maximum, and the first place of the maximum."""
     total, most = values[:cols].copy(), values[:cols].copy()
@@ -86,7 +86,7 @@ def _pool(values, cols):
     return total.sum() / len(values), peak, place
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _gate_channels(pooled, w1, b1, w2, b2, hidden, gate):
     for branch in range(2):
         for h in range(len(b1)):
@@ -101,7 +101,7 @@ def _gate_channels(pooled, w1, b1, w2, b2, hidden, gate):
         gate[c] = _sigmoid(logit)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def attend_gradient(slope, features, w1, w2, kernel, pooled, hidden, peak, gate, strongest, place_gate, maps):
     """From the loss's slope by the output, those by features, w1, b1, w2, b2, kernel and bias."""
     count, channels, rows, cols = features.shape
@@ -155,7 +155,7 @@ def attend_gradient(slope, features, w1, w2, kernel, pooled, hidden, peak, gate,
     )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _lanes(values, cols):
     """Sum, first of every cols-th."""
     total = values[:cols].copy()
@@ -166,7 +166,7 @@ def _lanes(values, cols):
     return total.sum()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _logit_gradient(slope, features, gate, place_gate, by_logit):
     by_logit[:] = 0.0
     for c in range(len(gate)):
@@ -177,7 +177,7 @@ def _logit_gradient(slope, features, gate, place_gate, by_logit):
         by_logit[i] *= place_gate[i] * (1 - place_gate[i])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _perceptron_gradient(by_gate, pooled, hidden, w1, w2, by_w1, by_b1, by_w2, by_b2, by_pooled):
     """Add the slopes by the perceptron's numbers; fill those by the pooled channels."""
     by_pooled[:] = 0.0

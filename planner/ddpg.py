@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,27 +76,37 @@ class Ddpg:
             torch.optim.Adam(parameters, rate, self.config.betas, fused=True)
             for parameters, rate in zip(self._parameters, rates, strict=True)
         )
+        self._beside = ThreadPoolExecutor(1, "critic", torch.set_num_threads, (torch.get_num_threads(),))
 
     def update(self, batch: Batch) -> Losses:
-        """One step of both networks, then of their targets. Raises LossError, leaving all as it was."""
+        """One step of both networks, then of their targets. Raises LossError, leaving all as it was.
+
+        What the critic learns from is computed beside what the actor does, on a thread of its own."""
+        targets = self._beside.submit(self._targets, batch)
         features = self.critic.encoder(batch.layers, batch.state)
-        critic_loss = functional.mse_loss(self.critic.value(features, batch.action), self._targets(batch))
+        of_critic = self._beside.submit(self._critic_step, features, batch, targets)
         action = self.actor(batch.layers, batch.state)
         actor_loss = -self.critic.value(features.detach(), action).mean()
-        losses = Losses(float(critic_loss.detach()), float(actor_loss.detach()))
+        actor_gradients = torch.autograd.grad(actor_loss, self._parameters[0])
+        critic_loss, critic_gradients = of_critic.result()
+        losses = Losses(critic_loss, float(actor_loss.detach()))
         for term, value in (("critic loss", losses.critic), ("actor loss", losses.actor)):
             if not math.isfinite(value):
                 raise LossError(term, value)
-        gradients = (
-            torch.autograd.grad(actor_loss, self._parameters[0], retain_graph=True),
-            torch.autograd.grad(critic_loss, self._parameters[1]),
-        )
+        gradients = actor_gradients, critic_gradients
         for parameters, slopes, optimiser in zip(self._parameters, gradients, self._optimisers, strict=True):
             for parameter, slope in zip(parameters, slopes, strict=True):
                 parameter.grad = slope
             optimiser.step()
         self._follow()
         return losses
+
+    def _critic_step(
+        self, features: Tensor, batch: Batch, targets: Future[Tensor]
+    ) -> tuple[float, tuple[Tensor, ...]]:
+        """Its loss, and the gradients of that."""
+        loss = functional.mse_loss(self.critic.value(features, batch.action), targets.result())
+        return float(loss.detach()), torch.autograd.grad(loss, self._parameters[1])
 
     @torch.no_grad()
     def _targets(self, batch: Batch) -> Tensor:

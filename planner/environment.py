@@ -13,6 +13,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
 
 from planner.elevation_map import MapConfig
 from planner.episode import Ground, Grounds, Task, check_reachable
@@ -175,15 +176,19 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         seen = visible_fraction(self._rays, views, self._pose)
         return self._observe(percept, views, seen, 0.0), self._info({})
 
+    def prepare(self, *, seed: int, options: dict[str, Any] | None = None) -> None:
+        """Make the ground that a reset with the same will draw, so that it need not be waited for then;
+        nothing else changes. Raises ValueError as `reset` does."""
+        given = dict(options or {})
+        wanted, _ = given.pop("scenario", None), given.pop("max_steps", None)
+        if wanted is None and self._own is None:
+            self._grounds.draw(replace(self.task, **_task_options(given)), seeding.np_random(seed)[0])
+
     def _drawn(self, options: dict[str, Any]) -> tuple[Ground, Scenario]:
         wanted = options.pop("scenario", None)
         most = options.pop("max_steps", None)
         self.steps_allowed = self.max_steps if most is None else _at_least_one(most)
-        unknown = sorted(set(options) - set(TASK_OPTIONS))
-        if unknown:
-            known = ", ".join((*TASK_OPTIONS, "scenario", "max_steps"))
-            raise ValueError(f"option {unknown[0]!r} is none of {known}")
-        given = {name: value for name, value in options.items() if value is not None}
+        given = _task_options(options)
         task = replace(self.task, **given)
         own = self._own if wanted is None else Ground(_checked(wanted))
         if own is None:
@@ -316,6 +321,15 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         if self._world is not None:
             self._world.close()
             self._world = None
+
+
+def _task_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Those that are given. Raises ValueError for one that no task has."""
+    unknown = sorted(set(options) - set(TASK_OPTIONS))
+    if unknown:
+        known = ", ".join((*TASK_OPTIONS, "scenario", "max_steps"))
+        raise ValueError(f"option {unknown[0]!r} is none of {known}")
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def _at_least_one(steps: int) -> int:

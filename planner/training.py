@@ -11,9 +11,10 @@ import contextlib
 import ctypes
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -217,9 +218,7 @@ class Trainer:
 
     def _order(self, number: int) -> EpisodeOrder:
         settings = self.settings
-        options = settings.resets[number % len(settings.resets)] if settings.resets else {}
-        if self._curriculum is not None:
-            options = self._curriculum.options()
+        options = self._drawn(number) if self._curriculum is None else self._curriculum.options()
         return EpisodeOrder(
             number,
             self._draw(_EPISODE_STREAM, number),
@@ -228,7 +227,19 @@ class Trainer:
             options,
             weights(self.learner.actor),
             self._frames_every,
+            self._following(number + 1),
         )
+
+    def _following(self, number: int) -> tuple[int, Mapping[str, Any]] | None:
+        """Seed and options of an episode yet to come; a curriculum's hang on how those before it go."""
+        if self._curriculum is not None or number >= self.settings.episodes:
+            return None
+        return self._draw(_EPISODE_STREAM, number), self._drawn(number)
+
+    def _drawn(self, number: int) -> Mapping[str, Any]:
+        """The options of an episode, those of the settings in turn."""
+        resets = self.settings.resets
+        return resets[number % len(resets)] if resets else {}
 
     def _batches(self, number: int) -> Iterator[Batch]:
         """One for each step of the newest episode, from all that was driven so far."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 from collections.abc import Iterator, Mapping
@@ -36,6 +37,7 @@ class EpisodeOrder:
     options : of the environment's reset
     weights : of the policy, by name
     frames_every : steps between `StepFrame`s, 0 for none
+    following : seed and options of the next order, where they are known, to make its ground ahead
     """
 
     number: int
@@ -45,6 +47,7 @@ class EpisodeOrder:
     options: Mapping[str, Any]
     weights: Mapping[str, np.ndarray]
     frames_every: int = 0
+    following: tuple[int, Mapping[str, Any]] | None = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,15 @@ class Collector:
             if terminated or truncated:
                 break
         yield drive.collected(info)
+
+    def prepare(self, order: EpisodeOrder) -> None:
+        """While nothing else is asked for: make what the episode after this one needs, where the environment
+        can."""
+        make_ahead = getattr(self._made().unwrapped, "prepare", None)
+        if make_ahead is not None and order.following is not None:
+            seed, options = order.following
+            with contextlib.suppress(ValueError):  # the order itself will say so
+                make_ahead(seed=seed, options=dict(options))
 
     def _made(self) -> gymnasium.Env:
         if self._env is None:
@@ -302,6 +314,8 @@ def _serve(pipe: Connection, gate: Gate, collector: Collector) -> None:
             try:
                 for item in collector.collect(order, held):
                     pipe.send(item)
+                if not pipe.poll():
+                    collector.prepare(order)
             except CollectionError as error:
                 pipe.send(error)
     except (EOFError, BrokenPipeError, ConnectionResetError):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from planner.ddpg import Ddpg, DdpgConfig, LossError
+from planner.ddpg import Ddpg, DdpgConfig, LossError, Losses
 from planner.replay import Batch
 
 CONFIG = DdpgConfig(actor_rate=1e-3, critic_rate=1e-3, soft_update=0.01)
@@ -41,6 +41,30 @@ def test_it_finds_the_action_that_is_worth_most():
     with torch.no_grad():
         action = learner.actor(given.layers, given.state).mean(0).tolist()
     assert action == pytest.approx([0.5, -0.5], abs=0.25)
+
+
+def test_two_threads_learn_what_one_does_to_the_last_bit():
+    """The losses and steps written down in order, as the method has them."""
+    learner, plain = Ddpg(config=CONFIG, seed=3), Ddpg(config=CONFIG, seed=3)
+    for seed in range(3):
+        given = batch(seed)
+        losses = learner.update(given)
+        features = plain.critic.encoder(given.layers, given.state)
+        value = plain.critic.value(features, given.action)
+        critic_loss = torch.nn.functional.mse_loss(value, plain._targets(given))
+        action = plain.actor(given.layers, given.state)
+        actor_loss = -plain.critic.value(features.detach(), action).mean()
+        slopes = [
+            torch.autograd.grad(loss, parameters)
+            for loss, parameters in zip((actor_loss, critic_loss), plain._parameters, strict=True)
+        ]
+        for index, optimiser in enumerate(plain._optimisers):
+            for parameter, slope in zip(plain._parameters[index], slopes[index], strict=True):
+                parameter.grad = slope
+            optimiser.step()
+        plain._follow()
+        assert losses == Losses(critic_loss.item(), actor_loss.item())
+        assert same(learner.tensors(), plain.tensors())
 
 
 def test_the_targets_follow_slowly():

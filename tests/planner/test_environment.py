@@ -16,6 +16,7 @@ from planner.curriculum import Curriculum, Progress
 from planner.environment import DECISION_S, CoverNavEnv, action_of, command_of
 from planner.episode import Grounds, Task
 from planner.frames import Status
+from scenes.families import generate
 from scenes.pose import Pose, Twist
 from scenes.scenario import Family, MovingObstacle, Observer, ObstacleKind, Patrol, Point, ScenarioError
 
@@ -315,3 +316,27 @@ class TestDrawing:
         with pytest.raises(ResetNeeded):
             env.step(STOP)
         assert isinstance(env.reset(seed=0)[1]["pose"], Pose)
+
+
+def test_a_ground_that_was_made_ahead_is_the_one_that_is_drawn(monkeypatch):
+    made = []
+
+    def counted(family, seed, **options):
+        made.append(family)
+        return generate(family, seed, **options)
+
+    monkeypatch.setattr("planner.episode.generate", counted)
+    ahead, later = CoverNavEnv(variety=3), CoverNavEnv(variety=3)
+    wanted = {"terrain": "low", "goal_distance": 8.0, "max_steps": 5}
+    ahead.prepare(seed=11, options=wanted)
+    assert made == [Family.LOW]
+    seen, _ = ahead.reset(seed=11, options=wanted)
+    assert len(made) == 1
+    expected, _ = later.reset(seed=11, options=wanted)
+    assert len(made) == 2
+    assert all(np.array_equal(seen[name], expected[name]) for name in expected)
+
+
+def test_making_ahead_what_is_no_task_is_refused():
+    with pytest.raises(ValueError, match="option 'goal' is none of"):
+        CoverNavEnv().prepare(seed=1, options={"goal": 3})
