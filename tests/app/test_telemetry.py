@@ -10,6 +10,7 @@ from served import BEARER, OPEN_ID, application, browser, silent_studio
 
 from app import telemetry
 from app.changes import Change, Kind, Selection
+from app.mission_process import Progress
 from app.telemetry import (
     GAP_S,
     MOST_IN_WINDOW,
@@ -152,6 +153,16 @@ def test_the_picture_that_ends_a_drag_waits_for_no_more_than_one_gap(period, mov
         if pace.earliest(Turn.PICTURE) <= move * period:
             pace.sent(move * period)
     assert pace.earliest(Turn.PICTURE) <= moves * period + GAP_S
+
+
+def test_words_that_change_with_every_frame_leave_the_turns_to_what_people_do(studio):
+    told = []
+    studio.subscribe(told.append)
+    for tick, words in ((1, "starting"), (2, "3.0 m to go"), (3, "2.9 m to go")):
+        report = Progress(0, 0, Status.RUNNING, frame(tick, message=words), (), 1.0, None)
+        studio._drive._follow(report, current=True)
+        assert studio.message == words
+    assert told == [Change.FRAME, Change.STATUS, Change.FRAME, Change.FRAME]
 
 
 def test_a_reader_gets_the_present_state_at_once_and_then_each_change(studio):
