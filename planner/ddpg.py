@@ -76,7 +76,7 @@ class Ddpg:
             torch.optim.Adam(parameters, rate, self.config.betas, fused=True)
             for parameters, rate in zip(self._parameters, rates, strict=True)
         )
-        self._beside = ThreadPoolExecutor(1, "critic", torch.set_num_threads, (torch.get_num_threads(),))
+        self._beside = ThreadPoolExecutor(1, "critic", torch.set_num_threads, (1,))
 
     def update(self, batch: Batch) -> Losses:
         """One step of both networks, then of their targets. Raises LossError, leaving all as it was.

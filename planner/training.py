@@ -90,8 +90,7 @@ class Trainer:
             raise
 
     def extend(self, episodes: int) -> None:
-        """Train for so many episodes in all. What has been learnt stays: the next episode is driven by the
-        policy as the last updates left it, where a training begun for so many would not have made them yet.
+        """Train for so many episodes in all, to the same end as if it had been begun for so many.
 
         Raises TrainingRefusal for fewer than it was begun with."""
         if episodes < self.settings.episodes:
@@ -101,6 +100,12 @@ class Trainer:
             )
         self.settings = replace(self.settings, episodes=episodes)
         self._store.begin(self.settings.document(), self._scenario)
+
+    def _take_back(self) -> None:
+        """Of a training that was complete and has been made longer: the last updates, for they are due while
+        the next episode is driven."""
+        if self.progress.driver and self.progress.episodes < self.settings.episodes:
+            self.progress = self._store.take_back(self.progress, self.learner)
 
     def _shown(self, demonstrations: tuple[Episode, ...]) -> Replay | None:
         if not demonstrations:
@@ -117,6 +122,7 @@ class Trainer:
         Raises TrainingError where it cannot go on: a loss or reward that is not finite, a full disk, an
         environment that fails. The last checkpoint stays."""
         _prepare_process()
+        self._take_back()
         settings = self.settings
         options = {**settings.options, "max_steps": settings.steps}
         if self._scenario is not None:
@@ -171,7 +177,10 @@ class Trainer:
         updates = progress.updates + len(losses)
         if collected is None:
             learner = f"learner-{number:06d}-final.safetensors"
-            progress = replace(progress, learnt=number, updates=updates, learner=learner)
+            progress = replace(
+                progress, learnt=number, updates=updates, learner=learner,
+                driver=progress.learner, driver_updates=progress.updates,
+            )  # fmt: skip
             self._store.commit(progress, self.learner)
             self.progress = progress
             return

@@ -4,7 +4,8 @@
 settings.json              what the training was started with
 scenario.json              what it is on, unless scenarios are drawn
 checkpoint.json            which files hold the newest checkpoint; its replacement commits it
-learner-NNNNNN.safetensors networks and optimisers after so many episodes; the newest alone
+learner-NNNNNN.safetensors networks and optimisers after so many episodes, the newest; of a training
+                           that is complete also those that would drive on if it were made longer
 replay/NNNNNN.safetensors  each episode as it was driven
 policy.safetensors         the newest policy, ready to drive; policies/ has every tenth
 episodes.jsonl             a line an episode: return, terms, success, exposure, losses
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,8 @@ class Progress:
     """episodes : driven and kept; learnt : of these, those followed by their updates; updates : in all
     log_bytes, pace_bytes : of the two logs that belong to the checkpoint
     curriculum : its state, where there is one
+    driver : of a training that is complete, the learner before its last updates, which would drive on, and
+        `driver_updates` those it had had
     """
 
     episodes: int = 0
@@ -48,6 +51,8 @@ class Progress:
     log_bytes: int = 0
     pace_bytes: int = 0
     curriculum: dict[str, Any] | None = None
+    driver: str = ""
+    driver_updates: int = 0
 
 
 class TrainingStore:
@@ -132,14 +137,31 @@ class TrainingStore:
             for number in range(progress.episodes):
                 replay.add(Episode.load(self._episode(number)))
             if progress.learner:
-                path = self.folder / progress.learner
-                learner.restore(read_tensors(path)[0], path)
+                self._restore_learner(progress, learner)
         except (PolicyError, ValueError, KeyError) as error:
             raise TrainingRefusal(f"the training in {self.folder} cannot go on: {error}") from None
         for name, size in (("episodes.jsonl", progress.log_bytes), ("pace.jsonl", progress.pace_bytes)):
             path = self.folder / name
             if path.exists():
                 os.truncate(path, size)
+
+    def take_back(self, progress: Progress, learner: Ddpg) -> Progress:
+        """The progress before the last updates of a training that was complete, and its learner with it.
+
+        Raises TrainingRefusal where a file is damaged."""
+        before = replace(
+            progress, learnt=progress.episodes - 1, updates=progress.driver_updates, learner=progress.driver,
+            driver="", driver_updates=0,
+        )  # fmt: skip
+        try:
+            self._restore_learner(before, learner)
+        except (PolicyError, ValueError, KeyError) as error:
+            raise TrainingRefusal(f"the training in {self.folder} cannot go on: {error}") from None
+        return before
+
+    def _restore_learner(self, progress: Progress, learner: Ddpg) -> None:
+        path = self.folder / progress.learner
+        learner.restore(read_tensors(path)[0], path)
 
     def keep_episode(self, number: int, episode: Episode) -> None:
         """Raises TrainingError where the disk does not take it."""
@@ -169,7 +191,7 @@ class TrainingStore:
             self._attempt(lambda: save_policy(kept, learner.actor, about))
         self._write("checkpoint.json", json.dumps(asdict(progress), indent=1) + "\n")
         for old in self.folder.glob("learner-*.safetensors"):
-            if old != path:
+            if old.name not in (progress.learner, progress.driver):
                 old.unlink(missing_ok=True)
 
     def _episode(self, number: int) -> Path:

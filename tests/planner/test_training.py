@@ -102,6 +102,15 @@ def test_stopped_after_any_episode_it_goes_on_as_if_nothing_had_been(whole, tmp_
     assert left(tmp_path / "t") == left(whole[0])
 
 
+@pytest.mark.parametrize("episodes", [1, 2, 3])
+def test_a_training_made_longer_ends_as_if_it_had_been_begun_so(whole, tmp_path, episodes):
+    train(tmp_path / "t", settings(episodes=episodes))
+    longer = Trainer(tmp_path / "t", parallel=False)
+    longer.extend(4)
+    list(longer.run())
+    assert left(tmp_path / "t") == left(whole[0])
+
+
 def test_killed_in_the_middle_it_goes_on_as_if_nothing_had_been(whole, tmp_path):
     script = (
         "import sys, test_training as t\n"
