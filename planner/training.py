@@ -122,7 +122,6 @@ class Trainer:
         Raises TrainingError where it cannot go on: a loss or reward that is not finite, a full disk, an
         environment that fails. The last checkpoint stays."""
         _prepare_process()
-        self._take_back()
         settings = self.settings
         options = {**settings.options, "max_steps": settings.steps}
         if self._scenario is not None:
@@ -130,6 +129,7 @@ class Trainer:
         collector = Collector(settings.environment, options, settings.architecture)
         with contextlib.ExitStack() as stack:
             stack.callback(self._store.close)
+            self._take_back()
             curves = TensorBoardLog(self._store.folder, self.progress.episodes)
             stack.callback(curves.close)
             source = CollectorProcess(collector) if self._parallel else _Inline(collector)
