@@ -158,7 +158,8 @@ class Revisions:
 
 
 class Turn(IntEnum):
-    """What a message tells, by the messages within a window of which it may be the last."""
+    """What a message tells of. It may go while fewer than so many fell within the window, so that there is
+    room for what matters more."""
 
     FRAME = 7
     PICTURE = 9

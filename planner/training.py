@@ -104,7 +104,7 @@ class Trainer:
     def _take_back(self) -> None:
         """Of a training that was complete and has been made longer: the last updates, for they are due while
         the next episode is driven."""
-        if self.progress.driver and self.progress.episodes < self.settings.episodes:
+        if self.progress.before_last and self.progress.episodes < self.settings.episodes:
             self.progress = self._store.take_back(self.progress, self.learner)
 
     def _shown(self, demonstrations: tuple[Episode, ...]) -> Replay | None:
@@ -179,7 +179,7 @@ class Trainer:
             learner = f"learner-{number:06d}-final.safetensors"
             progress = replace(
                 progress, learnt=number, updates=updates, learner=learner,
-                driver=progress.learner, driver_updates=progress.updates,
+                before_last=progress.learner, updates_before_last=progress.updates,
             )  # fmt: skip
             self._store.commit(progress, self.learner)
             self.progress = progress
@@ -227,7 +227,7 @@ class Trainer:
 
     def _order(self, number: int) -> EpisodeOrder:
         settings = self.settings
-        options = self._drawn(number) if self._curriculum is None else self._curriculum.options()
+        options = self._options(number) if self._curriculum is None else self._curriculum.options()
         return EpisodeOrder(
             number,
             self._draw(_EPISODE_STREAM, number),
@@ -243,9 +243,9 @@ class Trainer:
         """Seed and options of an episode yet to come; a curriculum's hang on how those before it go."""
         if self._curriculum is not None or number >= self.settings.episodes:
             return None
-        return self._draw(_EPISODE_STREAM, number), self._drawn(number)
+        return self._draw(_EPISODE_STREAM, number), self._options(number)
 
-    def _drawn(self, number: int) -> Mapping[str, Any]:
+    def _options(self, number: int) -> Mapping[str, Any]:
         """The options of an episode, those of the settings in turn."""
         resets = self.settings.resets
         return resets[number % len(resets)] if resets else {}

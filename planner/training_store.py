@@ -17,8 +17,10 @@ lock                       held by the process that trains here
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -40,8 +42,8 @@ class Progress:
     """episodes : driven and kept; learnt : of these, those followed by their updates; updates : in all
     log_bytes, pace_bytes : of the two logs that belong to the checkpoint
     curriculum : its state, where there is one
-    driver : of a training that is complete, the learner before its last updates, which would drive on, and
-        `driver_updates` those it had had
+    before_last : of a training that is complete, the learner before its last updates, which is the one to
+        drive on if it is made longer; updates_before_last : those it had had
     """
 
     episodes: int = 0
@@ -51,8 +53,8 @@ class Progress:
     log_bytes: int = 0
     pace_bytes: int = 0
     curriculum: dict[str, Any] | None = None
-    driver: str = ""
-    driver_updates: int = 0
+    before_last: str = ""
+    updates_before_last: int = 0
 
 
 class TrainingStore:
@@ -133,13 +135,11 @@ class TrainingStore:
     def restore(self, progress: Progress, learner: Ddpg, replay: Replay) -> None:
         """Fill learner and buffer, and cut the logs back to the checkpoint. Raises TrainingRefusal where a
         file is damaged."""
-        try:
+        with self._refusing():
             for number in range(progress.episodes):
                 replay.add(Episode.load(self._episode(number)))
             if progress.learner:
                 self._restore_learner(progress, learner)
-        except (PolicyError, ValueError, KeyError) as error:
-            raise TrainingRefusal(f"the training in {self.folder} cannot go on: {error}") from None
         for name, size in (("episodes.jsonl", progress.log_bytes), ("pace.jsonl", progress.pace_bytes)):
             path = self.folder / name
             if path.exists():
@@ -150,14 +150,20 @@ class TrainingStore:
 
         Raises TrainingRefusal where a file is damaged."""
         before = replace(
-            progress, learnt=progress.episodes - 1, updates=progress.driver_updates, learner=progress.driver,
-            driver="", driver_updates=0,
+            progress, learnt=progress.episodes - 1, learner=progress.before_last, before_last="",
+            updates=progress.updates_before_last, updates_before_last=0,
         )  # fmt: skip
-        try:
+        with self._refusing():
             self._restore_learner(before, learner)
+        return before
+
+    @contextlib.contextmanager
+    def _refusing(self) -> Iterator[None]:
+        """Says in words that a file of the checkpoint is damaged."""
+        try:
+            yield
         except (PolicyError, ValueError, KeyError) as error:
             raise TrainingRefusal(f"the training in {self.folder} cannot go on: {error}") from None
-        return before
 
     def _restore_learner(self, progress: Progress, learner: Ddpg) -> None:
         path = self.folder / progress.learner
@@ -191,7 +197,7 @@ class TrainingStore:
             self._attempt(lambda: save_policy(kept, learner.actor, about))
         self._write("checkpoint.json", json.dumps(asdict(progress), indent=1) + "\n")
         for old in self.folder.glob("learner-*.safetensors"):
-            if old.name not in (progress.learner, progress.driver):
+            if old.name not in (progress.learner, progress.before_last):
                 old.unlink(missing_ok=True)
 
     def _episode(self, number: int) -> Path:
