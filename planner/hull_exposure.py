@@ -10,6 +10,7 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def over_hull(light: np.ndarray, resolution: float) -> np.ndarray:
     light : (3, rows, cols) share of light at the hull's three heights, lowest first; between cells it is
         interpolated, beyond the grid its border goes on
     """
-    stencils = [_stencil(heading, resolution) for heading in HEADINGS]
+    stencils = [_stencil(float(heading), resolution) for heading in HEADINGS]
     reach = max(max(abs(row), abs(col)) for stencil in stencils for _, row, col in stencil)
     padded = np.pad(np.asarray(light, np.float32), ((0, 0), (reach, reach), (reach, reach)), mode="edge")
     rows, cols = light.shape[1:]
@@ -83,6 +84,7 @@ def over_hull(light: np.ndarray, resolution: float) -> np.ndarray:
     return fraction
 
 
+@cache
 def _stencil(heading: float, resolution: float) -> dict[tuple[int, int, int], float]:
     """Weights by height's index, row and column relative to the robot's cell, of all hull points together."""
     hull = HUSKY.hull_points()

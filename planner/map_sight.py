@@ -7,7 +7,6 @@ much light a thing lets through, and that it has a back where the map has its fa
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from scipy.ndimage import label
 
 from planner.elevation_map import without_gaps
 from planner.frames import CoverEstimate, GridMap, Percept
-from planner.sensed_exposure_kernel import free_above, light_from
+from planner.sensed_exposure_kernel import free_above, identify, light_from
 from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.robot import HUSKY
 
@@ -71,50 +70,15 @@ def occluders(percept: Percept) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     low, high = grid.span.astype(float)
     there = high > low
     low[there & grid.obstacle] = -np.inf
-    opacity = np.ones(grid.shape)
     blobs = np.zeros(grid.shape, np.int32)
-    label(there, structure=np.ones((3, 3)), output=blobs)
-    for thing in percept.cover:
-        radius = 0.5 * thing.width + BESIDE
-        row, col = _span(thing.y - grid.y_min, radius, grid, 0), _span(thing.x - grid.x_min, radius, grid, 1)
-        away = (thing.y - grid.y_min - row[:, None] * grid.resolution) ** 2
-        away = away + (thing.x - grid.x_min - col * grid.resolution) ** 2
-        block = np.ix_(row, col)
-        its = (away <= radius**2) & there[block]
-        # The beams end below the top of what is near and high; the camera has seen how high it is.
-        high[block] = np.where(its, np.maximum(high[block], thing.z + thing.height), high[block])
-        counts = np.bincount(blobs[block][its], minlength=1)
-        if counts.any():
-            whole = blobs == int(np.argmax(counts))
-            opacity[whole] = np.minimum(opacity[whole], CATALOGUE[thing.kind].opacity)
-        if thing.kind not in HOLLOW:
-            _fill(thing, block, away, (low, high, opacity))
-    return low, high, opacity
+    count: int = label(there, structure=np.ones((3, 3)), output=blobs)  # type: ignore[assignment]
+    things = np.array([_outline(thing, grid) for thing in percept.cover]).reshape(-1, 6)
+    return low, high, identify(low, high, blobs, count, things, grid.resolution)
 
 
-def _fill(
-    thing: CoverEstimate,
-    block: tuple[np.ndarray, ...],
-    away: np.ndarray,
-    layers: tuple[np.ndarray, np.ndarray, np.ndarray],
-) -> None:
-    """Let an object stand where it must be, seen or not.
-
-    away : of the block's cells from its middle, metres squared; layers : as `occluders` returns them
-    """
-    entry, (low, high, opacity) = CATALOGUE[thing.kind], layers
-    inside = away <= min(DEPTH * entry.width.usual, 0.5 * thing.width) ** 2
-    its_low, its_high, its_opacity = low[block], high[block], opacity[block]
-    new = inside & ~(its_high > its_low)
-    its_opacity[new] = entry.opacity
-    its_high[inside] = np.where(new, -np.inf, its_high)[inside]
-    its_high[inside] = np.maximum(its_high[inside], thing.z + thing.height)
-    its_low[inside] = -np.inf
-    low[block], high[block], opacity[block] = its_low, its_high, its_opacity
-
-
-def _span(offset: float, radius: float, grid: GridMap, axis: int) -> np.ndarray:
-    """Indices of the cells along an axis that are at most `radius` from `offset` metres, on the map."""
-    first = max(math.ceil((offset - radius) / grid.resolution), 0)
-    last = min(math.floor((offset + radius) / grid.resolution), grid.shape[axis] - 1)
-    return np.arange(first, last + 1)
+def _outline(thing: CoverEstimate, grid: GridMap) -> tuple[float, float, float, float, float, float]:
+    """What `identify` wants to know of a cover object."""
+    entry = CATALOGUE[thing.kind]
+    own = 0.5 * thing.width + BESIDE
+    solid = -1.0 if thing.kind in HOLLOW else min(DEPTH * entry.width.usual, 0.5 * thing.width) ** 2
+    return thing.x - grid.x_min, thing.y - grid.y_min, own, solid, thing.z + thing.height, entry.opacity

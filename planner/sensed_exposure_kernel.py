@@ -1,4 +1,4 @@
-"""The loop of `planner.sensed_exposure`: how much light of each cell of a map comes to an observer's eye."""
+"""The loops of `planner.map_sight`: what stands on a map, and how much light of each cell comes to an eye."""
 
 from __future__ import annotations
 
@@ -88,3 +88,44 @@ def free_above(stops, low, high):
             top = high[r, c] if high[r, c] > low[r, c] else -np.inf
             free[r, c] = max(stops[r, c], top) + ROUNDING
     return free
+
+
+@njit(cache=True)
+def identify(low, high, blobs, count, things, resolution):
+    """(r, c) share of light that is stopped between `low` and `high`, as far as the camera tells what stands
+    there; all of it elsewhere. What it tells of heights and backs goes into `low` and `high`, in place.
+
+    blobs : (r, c) from 1 to `count`, which of the connected things a cell belongs to, 0 for none
+    things : (n, 6) metres from cell [0, 0] along columns and rows to the object's middle, from there to where
+        returns are still its own, squared to where it must be solid, negative for what is hollow; height of
+        its top, share of light that it stops
+
+    The most frequent blob among an object's own cells is that object; all of it stops as little light as the
+    most transparent object that it is.
+    """
+    rows, cols = blobs.shape
+    of_blob, share = np.ones(count + 1), np.ones((rows, cols))
+    for i in range(len(things)):
+        x, y, own, solid, top, opacity = things[i]
+        south, north = max(math.ceil((y - own) / resolution), 0), math.floor((y + own) / resolution) + 1
+        west, east = max(math.ceil((x - own) / resolution), 0), math.floor((x + own) / resolution) + 1
+        cells = np.zeros(count + 1, np.int64)
+        for r in range(south, min(north, rows)):
+            for c in range(west, min(east, cols)):
+                away = (y - r * resolution) ** 2 + (x - c * resolution) ** 2
+                if blobs[r, c] > 0 and away <= own * own:
+                    # The beams end below the top of what is near and high; the camera has seen how high.
+                    high[r, c] = max(high[r, c], top)
+                    cells[blobs[r, c]] += 1
+                if away <= solid:  # it stands where it must be, seen or not
+                    if not high[r, c] > low[r, c]:
+                        share[r, c], high[r, c] = opacity, top
+                    high[r, c], low[r, c] = max(high[r, c], top), -np.inf
+        whole = np.argmax(cells)
+        if cells[whole] > 0:
+            of_blob[whole] = min(of_blob[whole], opacity)
+    for r in range(rows):
+        for c in range(cols):
+            if blobs[r, c] > 0:
+                share[r, c] = of_blob[blobs[r, c]]
+    return share

@@ -56,6 +56,11 @@ class Pose:
         )
 
     @cached_property
+    def rows(self) -> np.ndarray:
+        """(3, 3): rows are the body's axes in the world, laid out for fast products with many points."""
+        return np.ascontiguousarray(self.rotation.T)
+
+    @cached_property
     def quaternion(self) -> np.ndarray:
         """(4,) as x, y, z, w."""
         cr, sr = math.cos(0.5 * self.roll), math.sin(0.5 * self.roll)
@@ -71,8 +76,11 @@ class Pose:
         )
 
     def to_world(self, points: np.ndarray) -> np.ndarray:
-        """Points (n, 3) in the body frame, expressed in the world frame."""
-        return points @ self.rotation.T + self.position
+        """Points (n, 3), or one of (3,), in the body frame, expressed in the world frame."""
+        turned = points @ (self.rotation.T if points.ndim == 1 else self.rows)
+        for axis in range(3):
+            turned[..., axis] += self.position[axis]
+        return turned
 
     def compose(self, pose_body_part: Pose) -> Pose:
         """The world pose of a part that is mounted on this body at `pose_body_part`."""

@@ -165,9 +165,8 @@ class RayScene:
         Surfaces are hit from both sides, so a ray that starts inside a thing hits it on its way out.
         """
         directions = np.ascontiguousarray(directions, np.float32)
-        eye = np.asarray(origins, np.float32)
-        origins = np.empty_like(directions)
-        origins[:] = eye
+        eye = np.ascontiguousarray(origins, np.float32)
+        origins = eye if eye.ndim == 2 else _repeated(eye, len(directions))
         reach = np.full(len(origins), max_range, np.float32)
         answer = first_hits(self._scene, origins, directions, reach)
         distance, body = answer["tfar"], answer["geomID"]
@@ -239,6 +238,16 @@ class RayScene:
                 reach[rays], body[rays] = found["tfar"], walker.body.index
         hidden = np.flatnonzero(body >= 0)
         return hidden, body[hidden], reach[hidden] + SIGHT_MARGIN
+
+
+@njit(cache=True)
+def _repeated(point, count):
+    """(count, 3) float32: a point (3,) for each of many rays."""
+    points = np.empty((count, 3), np.float32)
+    for i in range(count):
+        for axis in range(3):
+            points[i, axis] = point[axis]
+    return points
 
 
 @njit(cache=True)

@@ -91,7 +91,7 @@ class Lidar:
         """
         config = self.config
         origin = pose.to_world(config.mount.position)
-        hits = rays.cast(origin, self.directions @ pose.rotation.T.astype(np.float32), config.max_range)
+        hits = rays.cast(origin, self.directions @ pose.rows.astype(np.float32), config.max_range)
         # Every beam draws, so that the noise of one does not depend on what the others hit.
         noise = config.noise * rng.standard_normal(len(self.directions), dtype=np.float32)
         points, ranges, body, column, beam = cloud_kernel(
@@ -214,7 +214,7 @@ class SemanticCamera:
         config = self.config
         shape = config.height, config.width
         origin = pose.to_world(config.mount.position)
-        directions = self.directions @ pose.rotation.T.astype(np.float32)
+        directions = self.directions @ pose.rows.astype(np.float32)
         hits = rays.cast(origin, directions, config.max_range / float(self._cosines.min()))
         noise = np.zeros(0, np.float32)
         if config.noise > 0.0:

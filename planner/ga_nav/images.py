@@ -68,7 +68,7 @@ def photograph(rays: RayScene, pose: Pose, weather: Weather, lens: Lens, rng: np
     camera = SemanticCamera(HALF)
     shape = HALF.height, HALF.width
     origin = pose.to_world(HALF.mount.position)
-    directions = camera.directions @ pose.rotation.T.astype(np.float32)
+    directions = camera.directions @ pose.rows.astype(np.float32)
     ahead = HALF.mount.rotation[:, 0].astype(np.float32)
     hits = rays.cast(origin, directions, HALF.max_range / float((camera.directions @ ahead).min()))
     rgb, surface = render(rays, hits, origin, directions, weather, rng)

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from maps import grid_map, percept
+from scipy.ndimage import label
 
 from planner.frames import CoverEstimate
 from planner.sensed_exposure import STRIDE, exposure_on_arrival, sensed_exposure
-from planner.sensed_exposure_kernel import DARK, FIGURE, free_above, light_from
+from planner.sensed_exposure_kernel import DARK, FIGURE, free_above, identify, light_from
 from scenes.catalogue import CATALOGUE, CoverKind
 from scenes.pose import Pose
 from scenes.scenario import Observer, Patrol, Point
@@ -181,6 +182,43 @@ def test_light_follows_its_plain_twin(seed: int) -> None:
         cols, eye, 0.2, 0.3,
     )  # fmt: skip
     np.testing.assert_allclose(light_from(*arguments), plain_light(*arguments), atol=1e-6)
+
+
+def plain_identify(low, high, blobs, count, things, resolution):
+    y, x = np.indices(blobs.shape) * resolution
+    of_blob, share = np.ones(count + 1), np.ones(blobs.shape)
+    for to_east, to_north, own, solid, top, opacity in things:
+        away = (to_north - y) ** 2 + (to_east - x) ** 2
+        its = (away <= own**2) & (blobs > 0)
+        high[its] = np.maximum(high[its], top)
+        if its.any():
+            most = np.bincount(blobs[its]).argmax()
+            of_blob[most] = min(of_blob[most], opacity)
+        inside = away <= solid
+        new = inside & ~(high > low)
+        share[new], high[new] = opacity, -np.inf
+        high[inside], low[inside] = np.maximum(high[inside], top), -np.inf
+    return np.where(blobs > 0, of_blob[blobs], share)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_what_stands_on_the_map_follows_its_plain_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape = (19, 23)
+    there = rng.random(shape) < rng.choice([0.1, 0.4])
+    low = np.where(there, rng.choice([-np.inf, 0.8], shape), np.inf)
+    high = np.where(there, rng.uniform(1.0, 2.5, shape), -np.inf)
+    blobs = np.zeros(shape, np.int32)
+    count = label(there, structure=np.ones((3, 3)), output=blobs)
+    own = rng.uniform(0.3, 2.0, 6)  # some of the middles lie off the map
+    solid = np.where(rng.random(6) < 0.5, -1.0, rng.uniform(0.0, 1.0, 6) * own) * own
+    things = np.column_stack(
+        [rng.uniform(-1, 5, 6), rng.uniform(-1, 5, 6), own, solid, rng.uniform(0.5, 4.0, 6), rng.random(6)]
+    )
+    plain = low.copy(), high.copy()
+    expected = plain_identify(*plain, blobs, count, things, 0.2)
+    np.testing.assert_array_equal(identify(low, high, blobs, count, things, 0.2), expected)
+    np.testing.assert_array_equal((low, high), plain)
 
 
 def test_a_robot_on_the_observers_own_cell_is_seen() -> None:
