@@ -109,7 +109,7 @@ def _parser() -> argparse.ArgumentParser:
 
     run = commands.add_parser("run", help="drive one mission without a server", allow_abbrev=False)
     run.add_argument("scenario", metavar="SCENARIO", help="a shipped name or a file")
-    run.add_argument("--method", default="least_cost", metavar="NAME")
+    run.add_argument("--method", metavar="NAME", help="covernav where it is left out")
     run.add_argument(
         "--motion", choices=["dwa", "dwa_rl"], default="dwa", help="what chooses among the arcs"
     )
@@ -190,6 +190,7 @@ def _serve(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace) -> None:
     from planner.exposure_log import timeline
     from planner.frames import Perception
+    from planner.methods import DEFAULT_METHOD
     from planner.mission import Mission
     from planner.warm_up import warm_up
     from scenes.scenario import Point
@@ -198,14 +199,15 @@ def _run(arguments: argparse.Namespace) -> None:
     scenario = _open(arguments.scenario)
     if arguments.goal:
         scenario = scenario.revised(goal=Point(x=arguments.goal[0], y=arguments.goal[1]))
+    method = arguments.method or DEFAULT_METHOD
     if arguments.motion != "dwa":
-        arguments.method += f"+{arguments.motion}"
-    _check_method(arguments.method)
+        method += f"+{arguments.motion}"
+    _check_method(method)
     perception = Perception(arguments.perception)
-    warm_up(arguments.method, perception)
+    warm_up(method, perception)
     mission = Mission(
         scenario,
-        arguments.method,
+        method,
         arguments.seed,
         perception,
         time_limit_s=arguments.time_limit,

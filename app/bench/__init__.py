@@ -8,7 +8,7 @@ from dataclasses import asdict
 from importlib.util import find_spec
 from typing import Any
 
-from app.bench.driving import mission_speed, tick
+from app.bench.driving import covert_mission_speed, covert_tick, mission_speed, tick
 from app.bench.exposure import united_exposure
 from app.bench.learning import policy_decision, training
 from app.bench.line_of_sight import viewshed
@@ -27,6 +27,8 @@ CASES: dict[str, Callable[[], Result]] = {
         semantic_image,
         tick,
         mission_speed,
+        covert_tick,
+        covert_mission_speed,
         click_to_goal,
         drag_to_overlay,
         viewshed,

@@ -151,7 +151,7 @@ METHODS: Mapping[str, MethodEntry] = {
         "As route_known, and keeps out of view of where observers not yet seen may stand.",
     ),
 }
-DEFAULT_METHOD = "least_cost"
+DEFAULT_METHOD = "covernav"
 
 COMPARED = ("dwa", "ga_nav", "terp", "least_cost", "covernav_paper", "covernav", "route")
 """What is usually compared, of those that there are: the paper's methods, ours, and one that knows all."""

@@ -1,7 +1,7 @@
 import json
 import math
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -25,6 +25,8 @@ def test_the_cases_are_those_that_were_promised():
         "semantic_image",
         "tick",
         "mission_speed",
+        "covert_tick",
+        "covert_mission_speed",
         "click_to_goal",
         "drag_to_overlay",
         "viewshed",
@@ -116,12 +118,12 @@ def test_a_case_measures_and_compares(monkeypatch, name):
 
 def test_a_drive_comes_out_the_same_again_and_the_result_says_so(monkeypatch):
     monkeypatch.setattr(driving, "REPEATED_TICKS", 8)
-    frames, seconds = driving._drive(driving.SEEDS[0], 8)
-    assert len(frames) == 8 and seconds > 0.0
-    assert driving._repeatability(frames) == (
+    drive = driving._drive("least_cost", driving.SEEDS[0], 8)
+    assert len(drive.motion) == len(drive.planner_ms) == 8 and drive.wall_s > 0.0
+    assert driving._repeatability(drive) == (
         "the first 8 ticks driven again gave the same poses to the last bit"
     )
-    assert "OTHER poses" in driving._repeatability(frames[::-1])
+    assert "OTHER poses" in driving._repeatability(replace(drive, motion=drive.motion[::-1]))
 
 
 def test_goals_are_clicked_on_a_real_server(monkeypatch):
