@@ -21,20 +21,24 @@ from planner.training_events import EpisodeDone
 from planner.training_settings import TrainingSettings
 
 OPTIONS = {"terrain": "forest", "reward": "corrected", "dynamics": "kinematic"}
-EPISODES, WARM_EPISODES, STEPS = 9, 3, 100
+TURNS, WARM_UPDATES, UPDATES = 3, 150, 600
+STEPS = 100  # of an episode at most
 PUBLISHED_STEPS = 10_000
 
 
 def training() -> Result:
     """A step of training, driving and learning, by the wall clock on all cores."""
-    ours = _own_step_ms()
-    peer = _peer_step_ms()
+    # Turn by turn, for the clock of a machine may change from one minute to the next.
+    turns = [(_own_step_ms(seed), _peer_step_ms()) for seed in range(TURNS)]
+    ours, peer = (float(ms) for ms in np.median(turns, axis=0))
+    ratios = ", ".join(f"{theirs / own:.2f}" for own, theirs in turns)
     return faster(
         "training",
         ours,
         peer,
         "stable-baselines3 DDPG, the same environment and networks, an update a step, batches of 64",
-        f"{1e3 / ours:.0f} and {1e3 / peer:.0f} steps/s over {(EPISODES - WARM_EPISODES) * STEPS} steps;"
+        f"{1e3 / ours:.0f} and {1e3 / peer:.0f} steps/s, medians of {TURNS} turns of at least {UPDATES}"
+        f" updates each, ratios {ratios};"
         f" {PUBLISHED_STEPS:,} would take {ours * PUBLISHED_STEPS / 6e4:.1f} min at this pace (extrapolated);"
         " both update once a step, the results differ as their random numbers do",
         "ms/step",
@@ -65,24 +69,29 @@ def policy_decision() -> Result:
     )
 
 
-def _own_step_ms() -> float:
-    settings = TrainingSettings(episodes=EPISODES, steps=STEPS, options=OPTIONS, resets=(), random_episodes=1)
-    seconds = steps = 0.0
+def _own_step_ms(seed: int) -> float:
+    """Milliseconds an update, of which there is one a step; episodes end when they end, so that what is
+    counted begins and ends with one."""
+    settings = TrainingSettings(episodes=1000, steps=STEPS, seed=seed, options=OPTIONS, resets=())
+    begun = first = None
     with tempfile.TemporaryDirectory() as folder:
         for event in Trainer(Path(folder) / "training", settings).run():
-            if isinstance(event, EpisodeDone) and event.number >= WARM_EPISODES:
-                seconds += event.steps / event.steps_per_s
-                steps += event.steps
-    return 1e3 * seconds / steps
+            if not isinstance(event, EpisodeDone):
+                continue
+            if begun is None or first is None:
+                if event.updates >= WARM_UPDATES:
+                    begun, first = time.perf_counter(), event.updates
+            elif event.updates - first >= UPDATES:
+                return 1e3 * (time.perf_counter() - begun) / (event.updates - first)
+    raise RuntimeError("the training ended before it could be measured")
 
 
 def _peer_step_ms() -> float:
     model = _peer()
-    model.learn(WARM_EPISODES * STEPS)
+    model.learn(WARM_UPDATES, reset_num_timesteps=False)
     begun = time.perf_counter()
-    steps = (EPISODES - WARM_EPISODES) * STEPS
-    model.learn(steps, reset_num_timesteps=False)
-    return 1e3 * (time.perf_counter() - begun) / steps
+    model.learn(UPDATES, reset_num_timesteps=False)
+    return 1e3 * (time.perf_counter() - begun) / UPDATES
 
 
 @cache
