@@ -66,6 +66,41 @@ def attend(features, w1, b1, w2, b2, kernel, bias):
 
 
 @njit(cache=True, nogil=True)
+def in_blocks(features, side):
+    """Features (n, channels, rows, cols) as (n, rows / side, cols / side, channels · side²), each block's
+    channel by channel and row by row: what a convolution whose blocks do not overlap multiplies by."""
+    count, channels, rows, cols = features.shape
+    blocks = np.empty((count, rows // side, cols // side, channels, side, side), features.dtype)
+    for n in range(count):
+        for c in range(channels):
+            for row in range(rows // side * side):
+                source, down, inner = features[n, c, row], row // side, row % side
+                for across in range(cols // side):
+                    target, begin = blocks[n, down, across, c, inner], across * side
+                    for i in range(side):
+                        target[i] = source[begin + i]
+    return blocks.reshape((count, rows // side, cols // side, channels * side * side))
+
+
+@njit(cache=True, nogil=True)
+def out_of_blocks(blocks, side):
+    """The inverse of `in_blocks`."""
+    count, down, across, depth = blocks.shape
+    channels = depth // (side * side)
+    parts = blocks.reshape((count, down, across, channels, side, side))
+    features = np.empty((count, channels, down * side, across * side), blocks.dtype)
+    for n in range(count):
+        for c in range(channels):
+            for row in range(down * side):
+                target = features[n, c, row]
+                for k in range(across):
+                    source, begin = parts[n, row // side, k, c, row % side], k * side
+                    for i in range(side):
+                        target[begin + i] = source[i]
+    return features
+
+
+@njit(cache=True, nogil=True)
 def _sigmoid(value):
     one = value - value + 1
     return one / (one + np.exp(-value))

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from planner.attention_kernel import attend, attend_gradient
+from planner.attention_kernel import attend, attend_gradient, in_blocks, out_of_blocks
 
 PATCH_CELLS = 40
 """Cells a side of the robot-centric layers, 0.5 m each."""
@@ -78,6 +78,20 @@ class _Attend(torch.autograd.Function):
         return tuple(torch.from_numpy(slope) for slope in slopes)
 
 
+class _InBlocks(torch.autograd.Function):
+    """Features (n, channels, rows, cols) as (n, rows / side, cols / side, channels · side²)."""
+
+    @staticmethod
+    def forward(ctx, features: Tensor, side: int) -> Tensor:
+        ctx.side = side
+        return torch.from_numpy(in_blocks(features.detach().contiguous().numpy(), side))
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, slope: Tensor):  # type: ignore[override]
+        return torch.from_numpy(out_of_blocks(slope.contiguous().numpy(), ctx.side)), None
+
+
 class Attention(nn.Module):
     """CBAM on features (n, channels, rows, cols): weighs the channels by one perceptron on their means and on
     their maxima, added; then the places by a 3 × 3 convolution of the channels' mean and maximum there."""
@@ -118,9 +132,9 @@ class Encoder(nn.Module):
         return self.attention(self.features(layers))
 
     def forward(self, layers: Tensor, state: Tensor) -> Tensor:
-        blocks = self.attend(layers).unflatten(3, (-1, BLOCK)).unflatten(2, (-1, BLOCK))
         # A convolution whose blocks do not overlap is one product of matrices.
-        seen = torch.relu(self.second(blocks.permute(0, 2, 4, 1, 3, 5).flatten(3)))
+        blocks: Tensor = _InBlocks.apply(self.attend(layers), BLOCK)  # type: ignore[assignment]
+        seen = torch.relu(self.second(blocks))
         return torch.cat([seen.flatten(1), self.vector(state)], 1)
 
 

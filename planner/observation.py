@@ -188,17 +188,15 @@ def _cover_presence(middles: np.ndarray, radii: np.ndarray, confidences: np.ndar
     half = 0.5 * PATCH_CELLS * PATCH_RESOLUTION
     reach = np.maximum(radii, 0.5 * PATCH_RESOLUTION)
     shown = np.flatnonzero((np.abs(middles) < half + reach[:, None]).all(axis=1))
-    for index in shown[np.argsort(confidences[shown], kind="stable")]:  # the surest is painted last
+    shown = shown[np.argsort(confidences[shown], kind="stable")]  # the surest is painted last
+    around = middles[shown, None] + reach[shown, None, None] * np.array([[-1.0], [1.0]]) + half
+    edges = np.clip(around, 0.0, 2.0 * half) / PATCH_RESOLUTION
+    first, beyond = np.floor(edges[:, 0]).astype(int), np.maximum(np.ceil(edges[:, 1]).astype(int), 1)
+    for index, (left_col, low_row), (right_col, high_row) in zip(
+        shown.tolist(), first.tolist(), beyond.tolist(), strict=True
+    ):
+        window = slice(low_row, high_row), slice(left_col, right_col)
         ahead, left = middles[index]
-        (low_row, high_row), (low_col, high_col) = (
-            np.clip(((value - reach[index] + half, value + reach[index] + half)), 0.0, 2.0 * half)
-            / PATCH_RESOLUTION
-            for value in (left, ahead)
-        )
-        window = (
-            slice(int(low_row), math.ceil(high_row) or 1),
-            slice(int(low_col), math.ceil(high_col) or 1),
-        )
         inside = np.hypot(_FORWARD[window] - ahead, _LEFT[window] - left) <= reach[index]
         presence[window][inside] = confidences[index]
     row, col = _cells(middles[shown])

@@ -23,6 +23,7 @@ from planner.checkpoint import weights
 from planner.curriculum import Curriculum
 from planner.ddpg import Ddpg, LossError, Losses
 from planner.learning_errors import TrainingError, TrainingRefusal
+from planner.observation import LAYERS
 from planner.replay import Batch, Episode, Replay, mixed
 from planner.training_collector import (
     Collected,
@@ -35,7 +36,7 @@ from planner.training_collector import (
 from planner.training_control import Control
 from planner.training_events import EpisodeDone, Stopped, TrainingEvent
 from planner.training_log import TensorBoardLog
-from planner.training_settings import TrainingSettings
+from planner.training_settings import ENVIRONMENT, TrainingSettings
 from planner.training_store import Progress, TrainingStore
 from scenes.scenario import Scenario
 
@@ -123,10 +124,7 @@ class Trainer:
         environment that fails. The last checkpoint stays."""
         _prepare_process()
         settings = self.settings
-        options = {**settings.options, "max_steps": settings.steps}
-        if self._scenario is not None:
-            options["scenario"] = self._scenario
-        collector = Collector(settings.environment, options, settings.architecture)
+        collector = Collector(settings.environment, self._environment_options(), settings.architecture)
         with contextlib.ExitStack() as stack:
             stack.callback(self._store.close)
             self._take_back()
@@ -135,6 +133,18 @@ class Trainer:
             source = CollectorProcess(collector) if self._parallel else _Inline(collector)
             stack.callback(source.close)
             yield from self._rounds(source, curves)
+
+    def _environment_options(self) -> dict[str, Any]:
+        """The settings', and no layers of exposure where neither the network reads them nor anybody looks."""
+        settings = self.settings
+        options: dict[str, Any] = {}
+        unread = settings.architecture.channels <= LAYERS.index("exposure") and not self._frames_every
+        if unread and settings.environment == ENVIRONMENT:
+            options["exposure_layer"] = False
+        options |= {**settings.options, "max_steps": settings.steps}
+        if self._scenario is not None:
+            options["scenario"] = self._scenario
+        return options
 
     # --- a round ---------------------------------------------------------------------------------
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import queue
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -302,19 +304,43 @@ class _WhileServed:
         return True
 
 
+class _Orders:
+    """The orders that come in, taken off the pipe at once: it holds less than a policy, and whoever sends one
+    must not wait until the ground ahead is made."""
+
+    def __init__(self, pipe: Connection):
+        self._pipe = pipe
+        self._taken: queue.SimpleQueue[EpisodeOrder | None] = queue.SimpleQueue()
+        threading.Thread(target=self._take, name="orders", daemon=True).start()
+
+    def __iter__(self) -> Iterator[EpisodeOrder]:
+        """Until nobody is left to give any."""
+        while (order := self._taken.get()) is not None:
+            yield order
+
+    @property
+    def waiting(self) -> bool:
+        return not self._taken.empty()
+
+    def _take(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                self._taken.put(self._pipe.recv())
+        self._taken.put(None)
+
+
 def _serve(pipe: Connection, gate: Gate, collector: Collector) -> None:
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the learner's to answer
     torch.set_num_threads(1)
-    held = _WhileServed(gate)
+    held, orders = _WhileServed(gate), _Orders(pipe)
     try:
-        while True:
-            order = pipe.recv()
+        for order in orders:
             try:
                 for item in collector.collect(order, held):
                     pipe.send(item)
-                if not pipe.poll():
+                if not orders.waiting:
                     collector.prepare(order)
             except CollectionError as error:
                 pipe.send(error)

@@ -12,6 +12,7 @@ from planner.learning_errors import TrainingRefusal
 from planner.networks import PAPER, Architecture
 from scenes.scenario import Family
 
+ENVIRONMENT = "CoverNav-v0"
 ALL_TERRAINS = tuple(family.value for family in Family)
 
 
@@ -30,7 +31,7 @@ class TrainingSettings:
     episodes: int = 100
     steps: int = 100
     seed: int = 0
-    environment: str = "CoverNav-v0"
+    environment: str = ENVIRONMENT
     options: Mapping[str, Any] = field(default_factory=dict)
     resets: tuple[Mapping[str, Any], ...] = tuple({"terrain": terrain} for terrain in ALL_TERRAINS)
     random_episodes: int = 2

@@ -20,7 +20,9 @@ from planner.training import Trainer
 from planner.training_events import EpisodeDone
 from planner.training_settings import TrainingSettings
 
-OPTIONS = {"terrain": "forest", "reward": "corrected", "dynamics": "kinematic"}
+OPTIONS = {"terrain": "forest", "reward": "corrected", "dynamics": "kinematic", "exposure_layer": False}
+"""The paper's network does not read the layers of exposure, and our trainer would leave them out: so does the
+peer's environment."""
 TURNS, WARM_UPDATES, UPDATES = 3, 150, 600
 STEPS = 100  # of an episode at most
 PUBLISHED_STEPS = 10_000

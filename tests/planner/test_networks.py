@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from torch.nn import functional
 
-from planner.networks import PAPER, Actor, Architecture, Attention, Critic
+from planner.attention_kernel import in_blocks, out_of_blocks
+from planner.networks import PAPER, Actor, Architecture, Attention, Critic, Encoder
 
 
 def published(features, w1, b1, w2, b2, kernel, bias):
@@ -40,6 +43,33 @@ def test_of_equal_maxima_the_first_takes_the_whole_slope():
     features = torch.ones(1, 8, 20, 20, requires_grad=True)
     attention(features).sum().backward()
     assert torch.isfinite(features.grad).all()
+
+
+@given(
+    down=st.integers(1, 4), across=st.integers(1, 4), channels=st.integers(1, 3), side=st.integers(1, 4)
+)
+def test_blocks_are_the_features_regrouped_and_back(down, across, channels, side):
+    shape = (2, channels, down * side, across * side)
+    features = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
+    parts = features.reshape(2, channels, down, side, across, side).transpose(0, 2, 4, 1, 3, 5)
+    blocks = in_blocks(features, side)
+    assert np.array_equal(blocks, parts.reshape(2, down, across, channels * side * side))
+    assert np.array_equal(out_of_blocks(blocks, side), features)
+
+
+def test_the_encoder_s_gradient_is_that_of_the_published_convolution():
+    torch.manual_seed(0)
+    encoder, layers, state = Encoder(PAPER), torch.randn(3, 1, 40, 40), torch.randn(3, 25)
+    second = encoder.second
+    kernel = second.weight.unflatten(1, (8, 4, 4))
+    seen = torch.relu(functional.conv2d(encoder.attend(layers), kernel, second.bias, stride=4))
+    theirs = torch.cat([seen.permute(0, 2, 3, 1).flatten(1), encoder.vector(state)], 1)
+    ours = encoder(layers, state)
+    slope, parameters = torch.randn_like(ours), tuple(encoder.parameters())
+    assert torch.allclose(ours, theirs, atol=1e-5)
+    slopes = [torch.autograd.grad(seen, parameters, slope) for seen in (ours, theirs)]
+    for a, b in zip(*slopes, strict=True):
+        assert torch.allclose(a, b, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("architecture", [PAPER, Architecture(channels=6, state=27)])

@@ -7,20 +7,23 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from planner.checkpoint import load_policy, read_tensors
+from planner.checkpoint import load_policy, read_tensors, weights
 from planner.curriculum import Curriculum, Promotion, Stage
 from planner.ddpg import DdpgConfig
 from planner.learning_errors import TrainingError, TrainingRefusal
+from planner.networks import PAPER, Actor
+from planner.observation import LAYERS
 from planner.training import Trainer
-from planner.training_collector import StepFrame
+from planner.training_collector import Collector, CollectorProcess, EpisodeOrder, StepFrame
 from planner.training_control import Control
 from planner.training_events import EpisodeDone, Stopped
-from planner.training_settings import TrainingSettings
+from planner.training_settings import ENVIRONMENT, TrainingSettings
 from scenes.scenario import Family
 
 TOY = "toy_drive:ToyDrive-v0"
@@ -84,6 +87,37 @@ def test_watching_changes_no_number(whole, tmp_path):
     assert [(frame.episode, frame.step) for frame in frames[:3]] == [(0, 0), (0, 5), (0, 10)]
     assert frames[0].attention.shape == frames[0].cost.shape == (40, 40)
     assert left(tmp_path / "t") == left(whole[0])
+
+
+def test_exposure_is_shown_to_those_who_watch_and_changes_no_number(tmp_path):
+    """The paper's network does not read it, so that it is reckoned for people only."""
+    wanted = settings(episodes=2, steps=4, environment=ENVIRONMENT)
+    events = train(tmp_path / "watched", wanted, frames_every=1)
+    train(tmp_path / "alone", wanted)
+    exposure = LAYERS.index("exposure")
+    assert all(event.layers[exposure].any() for event in events if isinstance(event, StepFrame))
+    assert left(tmp_path / "alone") == left(tmp_path / "watched")
+
+
+def test_nobody_waits_with_a_policy_while_the_ground_ahead_is_made(tmp_path):
+    """It is larger than what a pipe holds."""
+    ready = tmp_path / "ready"
+    source = CollectorProcess(Collector(TOY, {"ground_when": str(ready)}, PAPER))
+    order = EpisodeOrder(0, 0, 1, None, {}, weights(Actor()), following=(1, {}))
+    sending = threading.Thread(target=lambda: source.begin(replace(order, number=1)))
+    try:
+        source.begin(order)
+        while source.poll(1.0) is None:
+            pass
+        sending.start()
+        sending.join(20.0)
+        waited = sending.is_alive()
+        ready.touch()
+        while (collected := source.poll(1.0)) is None:
+            pass
+        assert not waited and collected.number == 1
+    finally:
+        source.close()
 
 
 def test_another_seed_is_another_training(whole, tmp_path):

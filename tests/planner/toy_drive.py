@@ -4,6 +4,8 @@
 """
 
 import math
+import os
+import time
 
 import gymnasium
 import numpy as np
@@ -17,16 +19,19 @@ class ToyDrive(gymnasium.Env):
     """The goal lies `goal_distance` metres away; every metre nearer is worth one.
 
     broken_after : steps after which the reward's term `cover` is not a number, never by default
+    ground_when : a path; ground that is made ahead is ready once it exists
     """
 
-    def __init__(self, max_steps=100, goal_distance=3.0, broken_after=math.inf, reward_scale=1.0):
+    def __init__(
+        self, max_steps=100, goal_distance=3.0, broken_after=math.inf, reward_scale=1.0, ground_when=None
+    ):
         self.observation_space = spaces.Dict(
             layers=spaces.Box(-5.0, 5.0, (6, 40, 40), np.float32),
             state=spaces.Box(-5.0, 5.0, (27,), np.float32),
         )
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self._max_steps, self._goal_distance, self._broken_after = max_steps, goal_distance, broken_after
-        self._scale, self._driven = reward_scale, 0
+        self._scale, self._driven, self._ground_when = reward_scale, 0, ground_when
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -36,6 +41,10 @@ class ToyDrive(gymnasium.Env):
         self._layers = self.np_random.normal(size=(6, 40, 40)).astype(np.float32).clip(-5.0, 5.0)
         self._pose, self._steps = np.zeros(3), 0
         return self._observation(), {}
+
+    def prepare(self, *, seed, options=None):
+        while self._ground_when is not None and not os.path.exists(self._ground_when):
+            time.sleep(0.01)
 
     def step(self, action):
         before = self._distance()
