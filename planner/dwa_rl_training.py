@@ -24,6 +24,8 @@ from planner.dwa_rl_world import CrossingWorld
 from planner.frames import Status
 from planner.learning_errors import check_finite
 
+_LEARNING_STREAM, _JUDGING_STREAM, _TEST_STREAM = 1, 2, 3
+
 
 @dataclass(frozen=True)
 class MotionLessons:
@@ -99,11 +101,13 @@ def choose_by_weights(window: Window) -> int:
     return int(np.argmin(np.where(window.admissible, total, np.inf)))
 
 
-def judge(choose: Callable[[Window], int], drives: int, seed: int) -> Judged:
-    """Drive in the world of the training; the same drives for the same seed."""
+def judge(
+    choose: Callable[[Window], int], drives: int, seed: int, stream: int = _JUDGING_STREAM
+) -> Judged:
+    """Drive in the world of the training; the same drives for the same seed and stream."""
     ends, seconds = Counter(), []
     for index in range(drives):
-        world = CrossingWorld(np.random.default_rng([seed, 2, index]))
+        world = CrossingWorld(np.random.default_rng([seed, stream, index]))
         while not world.over:
             world.step(choose(world.window))
         ends[world.status] += 1
@@ -116,6 +120,13 @@ def judge(choose: Callable[[Window], int], drives: int, seed: int) -> Judged:
     )
 
 
+def compare(policy: WindowPolicy, drives: int, seed: int) -> dict[str, Judged]:
+    """The policy, and the dynamic window's own choice in its place, on drives that decided nothing in a
+    training of that seed."""
+    choices = {"dwa_rl": choose_by(policy), "dwa": choose_by_weights}
+    return {name: judge(choose, drives, seed, _TEST_STREAM) for name, choose in choices.items()}
+
+
 def teach_motion(path: Path, lessons: MotionLessons | None = None) -> Iterator[Round]:
     """Learn, keeping the best policy in `path`; yields each round. Raises OSError."""
     lessons = lessons or MotionLessons()
@@ -125,9 +136,8 @@ def teach_motion(path: Path, lessons: MotionLessons | None = None) -> Iterator[R
         policy = WindowPolicy()
     optimiser = torch.optim.Adam(policy.parameters(), lessons.rate, eps=1e-5)
     draws = torch.Generator().manual_seed(lessons.seed)
-    worlds = [
-        CrossingWorld(np.random.default_rng([lessons.seed, 1, index])) for index in range(lessons.worlds)
-    ]
+    streams = [[lessons.seed, _LEARNING_STREAM, index] for index in range(lessons.worlds)]
+    worlds = [CrossingWorld(np.random.default_rng(stream)) for stream in streams]
     best = judge(choose_by(policy), lessons.judged, lessons.seed)
     save_window_policy(path, policy)
     yield Round(0, 0.0, 0.0, best, True)

@@ -16,7 +16,7 @@ from maps import drive, grid_map, percept
 from planner.dwa import DwaConfig, Surroundings, window
 from planner.dwa_rl import POLICY, LearnedMotion, open_window
 from planner.dwa_rl_network import RowsArchitecture, WindowPolicy, load_window_policy, save_window_policy
-from planner.dwa_rl_training import MotionLessons, choose_by, choose_by_weights, judge, teach_motion
+from planner.dwa_rl_training import MotionLessons, choose_by, choose_by_weights, compare, judge, teach_motion
 from planner.dwa_rl_window import WINDOW, MovingHistory, set_distances, velocities, view_window
 from planner.dwa_rl_world import CrossingWorld, MotionReward, steering_behind
 from planner.frames import Rejection, Status, TrackedObstacle
@@ -261,6 +261,13 @@ class TestWorld:
     def test_the_same_seed_gives_the_same_drive(self):
         one, two = (judge(choose_by_weights, 2, seed=5) for _ in range(2))
         assert one == two
+
+    def test_what_is_compared_on_decided_nothing(self):
+        policy = WindowPolicy()
+        found = compare(policy, 2, seed=5)
+        assert set(found) == {"dwa_rl", "dwa"}
+        assert found == compare(policy, 2, seed=5)
+        assert found["dwa"] != judge(choose_by_weights, 2, seed=5)
 
     def test_there_is_always_something_to_choose(self):
         world = CrossingWorld(np.random.default_rng(3))
