@@ -21,7 +21,9 @@ REWARDS = (
 )  # fmt: skip
 TERRAINS = ("all", "normal", "low", "low_high", "forest")
 
-_EPISODES = {"episodes", "steps", "seed", "reward", "terrain", "dynamics", "critic_rate", "out"}
+_EPISODES = {
+    "episodes", "steps", "seed", "reward", "terrain", "dynamics", "critic_rate", "demonstrations", "out",
+}  # fmt: skip
 _LESSONS = {"scenes", "held_out", "epochs", "seed", "jobs", "out"}
 READ: dict[str, set[str]] = {
     "paper": _EPISODES | {"curriculum"},
@@ -51,6 +53,8 @@ def add_parser(commands: Any, whole: Callable[[int, int], Any], seed: Any) -> No
     train.add_argument("--dynamics", choices=["kinematic", "physics"], help="kinematic where it is left out")
     train.add_argument("--critic-rate", choices=["1e-4", "1e-3"], help="the paper's or TERP's learning rate")
     train.add_argument("--curriculum", action="store_true", help="from 4 m on a meadow to a watched forest")
+    words = "per cent of the episodes that least_cost drives, to learn from; none usually"
+    train.add_argument("--demonstrations", type=whole(1, 90), metavar="PERCENT", help=words)
     where = train.add_mutually_exclusive_group()
     where.add_argument(
         "--out", type=Path, metavar="DIR", help="empty or new; named after reward and seed else"
@@ -107,8 +111,9 @@ def train_policy(arguments: argparse.Namespace) -> None:
     with bar:
         for event in trainer.run():
             if isinstance(event, EpisodeDone):
-                recent = [*recent[-19:], event]
-                bar.set_postfix_str(_words(recent))
+                if not event.demonstrated:
+                    recent = [*recent[-19:], event]
+                    bar.set_postfix_str(_words(recent))
                 bar.update()
             elif isinstance(event, Stopped):
                 done = f"{event.episodes} of {total} episodes"
@@ -173,7 +178,7 @@ def _trainer(arguments: argparse.Namespace, make: Any) -> Any:
     from planner.training_settings import TrainingSettings
 
     if arguments.resume is not None:
-        for name in ("steps", "seed", "reward", "terrain", "dynamics", "critic_rate"):
+        for name in sorted(_EPISODES - {"episodes", "out"}):
             if getattr(arguments, name) is not None:
                 option = "--" + name.replace("_", "-")
                 raise TrainingRefusal(f"{option} is settled by the training that goes on; leave it out")
@@ -187,6 +192,7 @@ def _trainer(arguments: argparse.Namespace, make: Any) -> Any:
         episodes=arguments.episodes or 100,
         steps=arguments.steps or 100,
         seed=arguments.seed or 0,
+        demonstrations=arguments.demonstrations or 0,
         curriculum=arguments.curriculum,
         options={"reward": arguments.reward or "corrected", "dynamics": arguments.dynamics or "kinematic"},
     )

@@ -138,6 +138,10 @@ class Curriculum:
         self.progress = replace(self.progress, outcomes=outcomes, episodes=episodes)
         return False
 
+    def skip(self) -> None:
+        """On to the next task of the stage: somebody else drove that of the last episode."""
+        self.progress = replace(self.progress, episodes=self.progress.episodes + 1)
+
     def _passed(self, outcomes: Sequence[bool]) -> bool:
         needed = self.promotion
         return len(outcomes) >= needed.episodes and sum(outcomes) >= needed.rate * needed.episodes

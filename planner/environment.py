@@ -111,6 +111,8 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     exposure_layer : whether the layers of exposure and belief are filled, which costs time; zeros otherwise.
         The belief stays dark where the robot has been told of all observers
 
+    percept : what the robot knows now, as a planning method takes it; None before the first reset
+
     `reset` takes a seed, from which all of the episode follows, and options: any of those six, `scenario`
     and `max_steps`. Raises ValueError for what is unknown or out of range, ScenarioError for a scenario
     without a reachable goal.
@@ -151,6 +153,7 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._grounds = Grounds(variety)
         self._own = None if scenario is None else Ground(_checked(scenario))
         self._world: DrivenWorld | None = None
+        self.percept: Percept | None = None
 
     # --- an episode ------------------------------------------------------------------------------
 
@@ -253,7 +256,9 @@ class CoverNavEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         scenario = self.scenario
         self._rays.set_walkers(scenario.obstacles, scenario.observers, world.time_s)
         goal = scenario.goal.x, scenario.goal.y
-        percept = self._perceiver.perceive(self._rays, self._pose, world.twist, world.time_s, goal)
+        self.percept = percept = self._perceiver.perceive(
+            self._rays, self._pose, world.twist, world.time_s, goal
+        )
         return percept, views_at(scenario.observers, self._ground.heightmap, world.time_s)
 
     def _observe(

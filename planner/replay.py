@@ -112,8 +112,3 @@ class Replay:
             torch.from_numpy(self._layers[after]).float(),
             torch.from_numpy(self._state[after]),
         )
-
-
-def mixed(batches: tuple[Batch, ...]) -> Batch:
-    """One batch of several, as of demonstrations and own drives."""
-    return Batch(**{name: torch.cat([getattr(b, name) for b in batches]) for name in vars(batches[0])})

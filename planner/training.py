@@ -24,7 +24,7 @@ from planner.curriculum import Curriculum
 from planner.ddpg import Ddpg, LossError, Losses
 from planner.learning_errors import TrainingError, TrainingRefusal
 from planner.observation import LAYERS
-from planner.replay import Batch, Episode, Replay, mixed
+from planner.replay import Batch, Episode, Replay
 from planner.training_collector import (
     Collected,
     CollectionError,
@@ -36,7 +36,7 @@ from planner.training_collector import (
 from planner.training_control import Control
 from planner.training_events import EpisodeDone, Stopped, TrainingEvent
 from planner.training_log import TensorBoardLog
-from planner.training_settings import ENVIRONMENT, TrainingSettings
+from planner.training_settings import DEMONSTRATOR, ENVIRONMENT, TrainingSettings
 from planner.training_store import Progress, TrainingStore
 from scenes.scenario import Scenario
 
@@ -51,7 +51,6 @@ class Trainer:
     frames_every : steps between `StepFrame`s, 0 for none
     curriculum : to take the tasks from, where it is not the one of the settings
     scenario : to train on; it is kept in the folder
-    demonstrations : driven by somebody else, mixed into every batch
 
     Raises TrainingRefusal for a folder that does not fit.
     """
@@ -66,7 +65,6 @@ class Trainer:
         frames_every: int = 0,
         curriculum: Curriculum | None = None,
         scenario: Scenario | None = None,
-        demonstrations: tuple[Episode, ...] = (),
     ):
         self.control, self.folder = control or Control(), folder
         self._store = TrainingStore(folder, new=settings is not None)
@@ -85,7 +83,6 @@ class Trainer:
             self._store.restore(self.progress, self.learner, self.replay)
             if self._curriculum is not None and self.progress.curriculum is not None:
                 self._curriculum.restore(self.progress.curriculum)
-            self._demonstrations = self._shown(demonstrations)
         except BaseException:
             self._store.close()
             raise
@@ -107,15 +104,6 @@ class Trainer:
         the next episode is driven."""
         if self.progress.before_last and self.progress.episodes < self.settings.episodes:
             self.progress = self._store.take_back(self.progress, self.learner)
-
-    def _shown(self, demonstrations: tuple[Episode, ...]) -> Replay | None:
-        if not demonstrations:
-            return None
-        reads, size = self.settings.architecture, sum(len(episode) + 1 for episode in demonstrations)
-        shown = Replay(size, reads.channels, reads.state)
-        for episode in demonstrations:
-            shown.add(episode)
-        return shown
 
     def run(self) -> Iterator[TrainingEvent]:
         """Train until all episodes are done or `control` stops it, yielding what happens.
@@ -199,6 +187,7 @@ class Trainer:
             number, len(collected.episode), collected.total, collected.terms, collected.success,
             collected.exposed_s, collected.final, _mean(losses), updates, pace,
             None if self._curriculum is None else self._curriculum.stage.name, collected.normalised,
+            self.settings.demonstrated(number),
         )  # fmt: skip
         self._keep(collected.episode, done)
         curves.add(done)
@@ -209,7 +198,9 @@ class Trainer:
         store, number = self._store, done.number
         store.keep_episode(number, episode)
         self.replay.add(episode)
-        if self._curriculum is not None:
+        if self._curriculum is not None and done.demonstrated:
+            self._curriculum.skip()
+        elif self._curriculum is not None:
             self._curriculum.record(done.success)
         row = {name: value for name, value in asdict(done).items() if name != "steps_per_s"}
         row["losses"] = None if math.isnan(done.losses.critic) else row["losses"]
@@ -246,6 +237,7 @@ class Trainer:
             options,
             weights(self.learner.actor),
             self._frames_every,
+            DEMONSTRATOR if settings.demonstrated(number) else None,
             self._following(number + 1),
         )
 
@@ -266,11 +258,8 @@ class Trainer:
         if len(self.replay) < size:
             return
         rng = np.random.default_rng([self.settings.seed, _BATCH_STREAM, number])
-        shown = self._demonstrations
-        share = 0 if shown is None else round(self.settings.demonstration_share * size)
         for _ in range(self.replay.newest):
-            batch = self.replay.sample(size - share, rng)
-            yield batch if shown is None else mixed((batch, shown.sample(share, rng)))
+            yield self.replay.sample(size, rng)
 
     def _draw(self, stream: int, number: int) -> int:
         return int(np.random.SeedSequence([self.settings.seed, stream, number]).generate_state(1)[0])

@@ -17,6 +17,8 @@ import numpy as np
 import torch
 
 from planner.attention_cost import attention_map, cost_map
+from planner.environment import action_of
+from planner.methods import Method, make_method
 from planner.networks import Actor, Architecture
 from planner.replay import Episode
 from planner.reward import normalised_return
@@ -39,6 +41,7 @@ class EpisodeOrder:
     options : of the environment's reset
     weights : of the policy, by name
     frames_every : steps between `StepFrame`s, 0 for none
+    demonstrator : the method that drives in the policy's place, None for the policy
     following : seed and options of the next order, where they are known, to make its ground ahead
     """
 
@@ -49,6 +52,7 @@ class EpisodeOrder:
     options: Mapping[str, Any]
     weights: Mapping[str, np.ndarray]
     frames_every: int = 0
+    demonstrator: str | None = None
     following: tuple[int, Mapping[str, Any]] | None = None
 
 
@@ -117,11 +121,12 @@ class Collector:
         except ValueError as error:
             raise CollectionError(f"episode {order.number} cannot begin: {error}") from error
         drive.saw(observation)
+        shown = None if order.demonstrator is None else make_method(order.demonstrator, order.seed)
         info: dict[str, Any] = {}
         for step in range(order.steps):
             if gate is not None:
                 gate.wait()
-            action = drive.act()
+            action = drive.act() if shown is None else _demonstrated(env, shown)
             observation, reward, terminated, truncated, info = env.step(action)
             _check(info.get("terms", {}) | {"total": float(reward)}, step, order.number)
             drive.did(action, float(reward), terminated, info)
@@ -229,6 +234,14 @@ class _Drive:
             str(info["status"]),
             None if self._extremes is None else normalised_return(total, *self._extremes),
         )
+
+
+def _demonstrated(env: gymnasium.Env, method: Method) -> np.ndarray:
+    """The action that comes nearest to what a method commands now."""
+    percept = getattr(env.unwrapped, "percept", None)
+    if percept is None:
+        raise CollectionError("demonstrations are for environments that say what a planner needs to know")
+    return action_of(method.decide(percept).command)
 
 
 def _check(terms: Mapping[str, float], step: int, episode: int) -> None:

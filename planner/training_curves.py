@@ -64,7 +64,8 @@ def _read(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def _group(members: Sequence[tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]]) -> dict[str, Any]:
     members = sorted(members, key=lambda member: member[0]["seed"])
-    settings, runs = members[0][0], [rows for _, rows in members]
+    settings = members[0][0]
+    runs = [[row for row in rows if not row.get("demonstrated")] for _, rows in members]
     figures = {
         "return": [[row["total"] for row in rows] for rows in runs],
         "success": [[float(row["success"]) for row in rows] for rows in runs],

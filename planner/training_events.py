@@ -16,6 +16,7 @@ class EpisodeDone:
     steps_per_s : of driving and learning together, by the clock, pauses left out
     normalised : return, as `planner.reward.normalised_return` reads the paper
     stage : of the curriculum that its task was of, None without one
+    demonstrated : whether a planner drove in the policy's place
     """
 
     number: int
@@ -30,6 +31,7 @@ class EpisodeDone:
     steps_per_s: float
     stage: str | None = None
     normalised: float | None = None
+    demonstrated: bool = False
 
 
 @dataclass(frozen=True)

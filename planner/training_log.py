@@ -27,10 +27,12 @@ class TensorBoardLog:
         """Raises TrainingError where the disk does not take them."""
         figures = {"return": done.total, "success": float(done.success), "exposed_s": done.exposed_s}
         figures |= {f"terms/{name}": value for name, value in done.terms.items()}
-        figures |= {f"losses/{name}": value for name, value in asdict(done.losses).items()}
-        figures["steps_per_s"] = done.steps_per_s
         if done.normalised is not None:
             figures["return_normalised"] = done.normalised
+        if done.demonstrated:  # curves of their own, for the policy did not drive
+            figures = {f"demonstrations/{name}": value for name, value in figures.items()}
+        figures |= {f"losses/{name}": value for name, value in asdict(done.losses).items()}
+        figures["steps_per_s"] = done.steps_per_s
         try:
             for name, value in figures.items():
                 if math.isfinite(value):

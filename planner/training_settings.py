@@ -13,6 +13,8 @@ from planner.networks import PAPER, Architecture
 from scenes.scenario import Family
 
 ENVIRONMENT = "CoverNav-v0"
+DEMONSTRATOR = "least_cost"
+COUNTS = ("episodes", "steps", "seed", "random_episodes", "demonstrations")
 ALL_TERRAINS = tuple(family.value for family in Family)
 
 
@@ -24,7 +26,8 @@ class TrainingSettings:
     environment, options : for `gymnasium.make`
     resets : options of the reset, taken in turn from episode to episode
     random_episodes : driven at random before the policy drives
-    demonstration_share : of each batch, where demonstrations are given
+    demonstrations : per cent of the episodes that `DEMONSTRATOR` drives in the policy's place, evenly among
+        them; they are learnt from like the others, and count neither in curves nor for a promotion
     curriculum : the tasks come from `planner.curriculum.Curriculum`, in place of `resets` and `steps`
     """
 
@@ -35,10 +38,20 @@ class TrainingSettings:
     options: Mapping[str, Any] = field(default_factory=dict)
     resets: tuple[Mapping[str, Any], ...] = tuple({"terrain": terrain} for terrain in ALL_TERRAINS)
     random_episodes: int = 2
-    demonstration_share: float = 0.5
+    demonstrations: int = 0
     curriculum: bool = False
     architecture: Architecture = PAPER
     ddpg: DdpgConfig = field(default_factory=DdpgConfig)
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for demonstrations that leave nothing to the policy."""
+        if not 0 <= self.demonstrations < 100:
+            share = self.demonstrations
+            raise ValueError(f"demonstrations are 0 to 99 per cent of the episodes, not {share}")
+
+    def demonstrated(self, number: int) -> bool:
+        """Whether an episode is one of the demonstrations."""
+        return (number + 1) * self.demonstrations // 100 > number * self.demonstrations // 100
 
     def document(self) -> dict[str, Any]:
         """As JSON holds it. Raises TrainingRefusal for options that JSON does not hold."""
@@ -56,9 +69,10 @@ class TrainingSettings:
         try:
             ddpg = DdpgConfig(**{**document["ddpg"], "betas": tuple(document["ddpg"]["betas"])})
             architecture = Architecture(**document["architecture"])
+            document = {name: given for name, given in document.items() if name != "demonstration_share"}
             changed = {"ddpg": ddpg, "architecture": architecture, "resets": tuple(document["resets"])}
             found = cls(**{**document, **changed})
-            counts = {name: getattr(found, name) for name in ("episodes", "steps", "seed", "random_episodes")}
+            counts = {name: getattr(found, name) for name in COUNTS}
             for name, count in counts.items():
                 if type(count) is not int or count < 0:
                     raise ValueError(f"{name} is {count!r}, not a whole number")

@@ -60,6 +60,7 @@ def test_learning_curves_are_drawn_and_the_same_again(trained, tmp_path, capsys)
     ("arguments", "words"),
     [
         (["--resume", "{trained}", "--seed", "1"], "--seed is settled by the training that goes on"),
+        (["--resume", "{trained}", "--demonstrations", "9"], "--demonstrations is settled by the training"),
         (["--resume", "{trained}", "--curriculum"], "--curriculum is settled"),
         (["--resume", "{trained}", "--episodes", "1"], "was begun for 2 episodes, not 1"),
         (["--resume", "{trained}/replay"], "holds no training to go on with"),

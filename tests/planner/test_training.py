@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from planner.checkpoint import load_policy, read_tensors, weights
 from planner.curriculum import Curriculum, Promotion, Stage
@@ -62,7 +64,7 @@ def test_an_episode_an_event_and_a_line(whole):
     assert [row["number"] for row in rows] == [0, 1, 2, 3]
     assert set(rows[0]) == {
         "number", "steps", "total", "terms", "success", "exposed_s", "final", "losses", "updates", "stage",
-        "normalised",
+        "normalised", "demonstrated",
     }  # fmt: skip
     assert rows[0]["losses"] is None and rows[3]["losses"]["critic"] > 0.0
     assert rows[3]["total"] == pytest.approx(sum(rows[3]["terms"].values()), rel=1e-6)
@@ -118,6 +120,66 @@ def test_nobody_waits_with_a_policy_while_the_ground_ahead_is_made(tmp_path):
         assert not waited and collected.number == 1
     finally:
         source.close()
+
+
+NEAR = {"terrain": "normal", "goal_distance": 4.0}
+SHOWN = settings(environment=ENVIRONMENT, steps=100, demonstrations=50, resets=(NEAR,))
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory):
+    """A training whose every other episode a planner drives."""
+    folder = tmp_path_factory.mktemp("shown") / "training"
+    train(folder, SHOWN)
+    return folder
+
+
+def test_a_planner_drives_its_share_of_the_episodes_and_arrives(shown):
+    rows = [json.loads(line) for line in (shown / "episodes.jsonl").read_text().splitlines()]
+    assert [row["demonstrated"] for row in rows] == [False, True, False, True]
+    assert all(row["success"] for row in rows if row["demonstrated"])
+
+
+def test_demonstrations_are_the_same_after_an_interruption(shown, tmp_path):
+    control = Control()
+    for event in Trainer(tmp_path / "t", SHOWN, control=control, parallel=False).run():
+        if isinstance(event, EpisodeDone) and event.number == 1:
+            control.stop()
+    train(tmp_path / "t")
+    assert left(tmp_path / "t") == left(shown)
+
+
+@given(percent=st.integers(0, 99), episodes=st.integers(1, 300))
+def test_demonstrations_lie_evenly_among_the_episodes(percent, episodes):
+    wanted = settings(demonstrations=percent)
+    assert sum(map(wanted.demonstrated, range(episodes))) == episodes * percent // 100
+
+
+@pytest.mark.parametrize("percent", [-1, 100])
+def test_something_is_left_to_the_policy(percent):
+    with pytest.raises(ValueError, match="0 to 99 per cent"):
+        settings(demonstrations=percent)
+
+
+def test_what_an_earlier_version_settled_for_can_be_read():
+    document = settings().document() | {"demonstration_share": 0.5}
+    del document["demonstrations"]
+    assert TrainingSettings.from_document(document) == settings()
+
+
+def test_an_environment_that_no_planner_can_drive_in_is_refused_demonstrations(tmp_path):
+    with pytest.raises(TrainingError, match="what a planner needs to know"):
+        train(tmp_path / "t", settings(demonstrations=99))
+
+
+def test_demonstrations_bring_no_promotion(tmp_path):
+    stages = tuple(Stage(str(far), (Family.NORMAL,), far, nearest=far, steps=40) for far in (4.0, 8.0))
+    lessons = Curriculum(0, stages, Promotion(1.0, 1))
+    wanted = settings(environment=ENVIRONMENT, demonstrations=50, random_episodes=0)
+    trainer = Trainer(tmp_path / "t", wanted, parallel=False, curriculum=lessons)
+    rows = [event for event in trainer.run() if isinstance(event, EpisodeDone)]
+    assert [row.success for row in rows] == [False, True, False, True]
+    assert {row.stage for row in rows} == {"4.0"} and trainer.progress.curriculum["episodes"] == 4
 
 
 def test_another_seed_is_another_training(whole, tmp_path):

@@ -40,6 +40,16 @@ def test_trainings_that_differ_in_the_seed_alone_are_taken_together(tmp_path):
     assert document["groups"][0]["curves"]["terms/g"]["mean"] == (2.0,)
 
 
+def test_curves_are_of_what_the_policy_drove(tmp_path):
+    folder = run(tmp_path / "shown", 3, "paper", count=20)
+    rows = [json.loads(line) for line in (folder / "episodes.jsonl").read_text().splitlines()]
+    for row in rows[1::2]:
+        row |= {"demonstrated": True, "total": 1e3}
+    (folder / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    (group,) = summarise([folder])["groups"]
+    assert group["episodes"] == 10 and group["curves"]["return"]["mean"] == (3.0,)
+
+
 def test_a_folder_without_a_training_is_refused(tmp_path):
     with pytest.raises(TrainingRefusal, match="holds no training to summarise"):
         summarise([tmp_path])
