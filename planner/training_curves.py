@@ -17,13 +17,16 @@ from planner.learning_errors import TrainingRefusal
 BLOCK = 10
 """Episodes that make a point of a curve."""
 
+BOUNDS = {"success": (0.0, 1.0), "collided": (0.0, 1.0), "exposed_s": (0.0,), "steps": (0.0,)}
+"""Of the figures that have any, the least and the most."""
+
 
 @dataclass(frozen=True)
 class Curve:
     """A figure by blocks of episodes, over the seeds.
 
-    mean : (blocks,); low, high : (blocks,) 95 % interval of the mean, Student's over the seeds' own means;
-        the mean itself for a single seed
+    mean : (blocks,); low, high : (blocks,) 95 % interval of the mean, Student's over the seeds' own means,
+        cut off where the figure can go no further; the mean itself for a single seed
     """
 
     mean: tuple[float, ...]
@@ -31,15 +34,18 @@ class Curve:
     high: tuple[float, ...]
 
 
-def curve(seeds: Sequence[Sequence[float]]) -> Curve:
-    """Of one figure per episode, a sequence a seed; blocks that a seed did not finish are left out."""
+def curve(seeds: Sequence[Sequence[float]], least: float = -np.inf, most: float = np.inf) -> Curve:
+    """Of one figure per episode, a sequence a seed; blocks that a seed did not finish are left out.
+
+    least, most : between which the figure lies, whatever happens"""
     blocks = min(len(values) for values in seeds) // BLOCK
     means = np.array([np.reshape(values[: blocks * BLOCK], (blocks, BLOCK)).mean(1) for values in seeds])
     centre, half = means.mean(0), np.zeros(blocks)
     if len(means) > 1:
         error = means.std(0, ddof=1) / np.sqrt(len(means))
         half = stats.t.ppf(0.975, len(means) - 1) * error
-    return Curve(*(tuple(np.round(line, 3).tolist()) for line in (centre, centre - half, centre + half)))
+    lines = centre, np.maximum(centre - half, least), np.minimum(centre + half, most)
+    return Curve(*(tuple(np.round(line, 3).tolist()) for line in lines))
 
 
 def summarise(folders: Iterable[Path]) -> dict[str, Any]:
@@ -81,5 +87,5 @@ def _group(members: Sequence[tuple[Mapping[str, Any], Sequence[Mapping[str, Any]
         "seeds": [member["seed"] for member, _ in members],
         "episodes": min(len(rows) for rows in runs),
         "steps": [sum(row["steps"] for row in rows) for rows in runs],
-        "curves": {name: vars(curve(values)) for name, values in figures.items()},
+        "curves": {name: vars(curve(values, *BOUNDS.get(name, ()))) for name, values in figures.items()},
     }

@@ -22,6 +22,13 @@ def test_one_seed_has_no_interval_and_half_a_block_no_point():
     assert found.mean == found.low == found.high == (4.5,)
 
 
+def test_the_interval_of_a_share_stays_a_share():
+    seeds = [np.zeros(10), np.zeros(10), np.repeat([0.0, 1.0], 5)]
+    free, share = curve(seeds), curve(seeds, 0.0, 1.0)
+    assert free.low[0] < 0.0 and share.low == (0.0,)
+    assert share.mean == free.mean and share.high == free.high
+
+
 def run(folder, seed, reward, count=10):
     folder.mkdir()
     (folder / "settings.json").write_text(json.dumps({"seed": seed, "options": {"reward": reward}}))
