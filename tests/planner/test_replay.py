@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from planner.learning_errors import PolicyError
-from planner.replay import Episode, Replay, mixed
+from planner.replay import Episode, Replay
 
 
 def episode(first, steps, terminal=False):
@@ -60,13 +60,6 @@ def test_episodes_that_do_not_fit_are_refused():
         replay.add(episode(0, 10))
     with pytest.raises(ValueError, match=r"observations are \(1, 40, 40\) and \(3,\)"):
         Replay(100, 1, 4).add(episode(0, 5))
-
-
-def test_batches_can_be_mixed():
-    one, other = Replay(20, 1, 3), Replay(20, 1, 3)
-    one.add(episode(0, 5)), other.add(episode(100, 5))
-    batch = mixed((drawn(one, 4), drawn(other, 6)))
-    assert (batch.reward >= 100).tolist() == 4 * [False] + 6 * [True]
 
 
 def test_an_episode_comes_back_from_its_file_as_it_was(tmp_path):
