@@ -9,6 +9,9 @@ from pydantic import Field
 
 from scenes.scenario import Document
 
+MOST_DEMONSTRATIONS = 90
+"""Per cent of the episodes; the rest is the policy's."""
+
 
 class Task(StrEnum):
     """What is learnt on: the open scenario as it stands, other drives on its ground, or the curriculum from a
@@ -30,7 +33,9 @@ class DynamicsName(StrEnum):
 
 
 class TrainingPlan(Document):
-    """steps : of an episode at most, 100 where it is left out; stages of the curriculum have their own"""
+    """steps : of an episode at most, 100 where it is left out; stages of the curriculum have their own
+    demonstrations : per cent of the episodes that a planner drives, for the policy to learn from
+    """
 
     task: Task = Task.CURRICULUM
     reward: RewardName = RewardName.CORRECTED
@@ -38,6 +43,7 @@ class TrainingPlan(Document):
     episodes: Annotated[int, Field(strict=True, ge=1, le=100_000)] = 100
     steps: Annotated[int, Field(strict=True, ge=1, le=2_000)] | None = None
     seed: Annotated[int, Field(strict=True, ge=0, le=2**31 - 1)] = 0
+    demonstrations: Annotated[int, Field(strict=True, ge=0, le=MOST_DEMONSTRATIONS)] = 0
 
 
 class TrainingStatus(StrEnum):

@@ -153,12 +153,18 @@ def training_settings(plan: TrainingPlan, document: str | None) -> TrainingSetti
     options: dict[str, Any] = {"reward": plan.reward.value, "dynamics": plan.dynamics.value}
     if plan.task is Task.CURRICULUM or document is None:
         steps = plan.steps or max(stage.steps for stage in STAGES)
-        return TrainingSettings(plan.episodes, steps, plan.seed, options=options, curriculum=True)
+        return TrainingSettings(
+            plan.episodes, steps, plan.seed, options=options, curriculum=True,
+            demonstrations=plan.demonstrations,
+        )  # fmt: skip
     resets = ()
     if plan.task is Task.GROUND:
         resets = (reset_options(task_like(Scenario.model_validate_json(document))),)
     options |= {"document": document}
-    return TrainingSettings(plan.episodes, plan.steps or 100, plan.seed, ENVIRONMENT, options, resets)
+    return TrainingSettings(
+        plan.episodes, plan.steps or 100, plan.seed, ENVIRONMENT, options, resets,
+        demonstrations=plan.demonstrations,
+    )  # fmt: skip
 
 
 def _run(trainer: Trainer, pipe: connection.Connection) -> bool:

@@ -54,6 +54,11 @@ class Training:
     def called(self) -> str:
         return f"training {self.id}"
 
+    @property
+    def driven(self) -> list[dict[str, Any]]:
+        """The episodes that the policy drove itself."""
+        return [row for row in self.episodes if not row.get("demonstrated")]
+
     def checkpoints(self) -> dict[str, Path]:
         """Policies that can drive, oldest first, by name: `episode_000010`, and `policy` for the newest."""
         kept = sorted((self.folder / "policies").glob("episode_*.safetensors"))

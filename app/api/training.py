@@ -91,7 +91,7 @@ def document(training: Training, points: int | None = None) -> dict[str, Any]:
         "plan": training.plan.model_dump(mode="json"),
         "episodes": len(training.episodes),
         "checkpoints": list(training.checkpoints()),
-        "curves": curves(training.episodes, points),
+        "curves": curves(training.driven, points),
     }
 
 

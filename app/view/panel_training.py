@@ -7,7 +7,7 @@ from typing import Any
 import viser
 
 from app.changes import StudioError
-from app.training_plan import RewardName, Task, TrainingPlan, TrainingStatus
+from app.training_plan import MOST_DEMONSTRATIONS, RewardName, Task, TrainingPlan, TrainingStatus
 from app.training_records import LAST, Training
 from app.training_sight import Seen
 from app.training_trial import Driver
@@ -53,6 +53,10 @@ class TrainingTab:
             self._task = gui.add_dropdown("Learn on", tuple(TASKS))
             self._reward = gui.add_dropdown("Reward", tuple(REWARDS))
             self._episodes = gui.add_number("Episodes", 100, min=1, max=100_000, step=1)
+            self._shown = gui.add_number(
+                "Demos, %", 0, min=0, max=MOST_DEMONSTRATIONS, step=1,
+                hint="Demonstrations: episodes that least_cost drives, for the policy to learn from",
+            )  # fmt: skip
             self._seed = gui.add_number("Seed", 0, min=0, max=LARGEST_SEED, step=1)
             start = gui.add_button("Start training", icon=viser.Icon.SCHOOL)
             desk.on_click(start, self._start)
@@ -99,6 +103,7 @@ class TrainingTab:
             reward=REWARDS.get(self._reward.value, RewardName.CORRECTED),
             episodes=_within(self._episodes.value, 1, 100_000),
             seed=_within(self._seed.value, 0, LARGEST_SEED),
+            demonstrations=_within(self._shown.value, 0, MOST_DEMONSTRATIONS),
         )
         training = await self._show.service.start(plan)
         self._show.choose(training.id)
@@ -168,7 +173,7 @@ class TrainingTab:
         self._tell(self._state, state(training))
         if training is not None:
             for plot in self._plots:
-                plot.show(training.id, training.episodes)
+                plot.show(training.id, training.driven)
         sight = show.sight
         self._sight_folder.visible = sight is not None
         if sight is not None:

@@ -53,7 +53,10 @@ def state(training: Training | None) -> str:
         ("Reward, seed", f"{training.plan.reward.value}, {training.plan.seed}"),
         ("Episodes", f"{done} of {wanted}"),
     ]
-    recent = training.episodes[-RECENT:]
+    driven = training.driven
+    if training.plan.demonstrations:
+        rows.append(("Driven by the planner", f"{done - len(driven)}"))
+    recent = driven[-RECENT:]
     if recent:
         last = recent[-1]
         rows += [("Stage", last["stage"])] if last.get("stage") else []
@@ -109,7 +112,7 @@ def trainings_table(trainings: list[Training], about: Training) -> str:
     """The newest trainings, one a line; the one that is shown stands out."""
     rows = []
     for training in reversed(trainings[-MOST_LISTED:]):
-        recent = training.episodes[-RECENT:]
+        recent = training.driven[-RECENT:]
         share = f"{np.mean([row['success'] for row in recent]):.0%}" if recent else "–"
         total = f"{np.mean([row['total'] for row in recent]):.1f}" if recent else "–"
         colour = palette.GHOST if training.status.live else palette.UNKNOWN

@@ -102,6 +102,8 @@ def test_thinned_curves_leave_out_what_is_not_there():
         ("POST", "", {"episodes": 1e400}, 422),
         ("POST", "", {"seed": True}, 422),
         ("POST", "", {"steps": -1}, 422),
+        ("POST", "", {"demonstrations": 91}, 422),
+        ("POST", "", {"demonstrations": 0.3}, 422),
         ("POST", "", {"gpu": True}, 422),
         ("POST", "", [], 422),
         ("GET", "/7", None, 404),

@@ -26,7 +26,7 @@ def test_a_training_runs_to_its_end_and_is_told_recorded_and_shown(tmp_path):
         told, views = [], []
         studio.subscribe(told.append)
         service.watch(views.append)
-        training = await service.start(SHORT)
+        training = await service.start(SHORT.model_copy(update={"demonstrations": 34}))
         assert service.live is training and training.status is TrainingStatus.STARTING
         with pytest.raises(StudioError, match="training 1 is starting: stop it first") as refused:
             await service.start(SHORT)
@@ -35,6 +35,7 @@ def test_a_training_runs_to_its_end_and_is_told_recorded_and_shown(tmp_path):
         assert service.live is None and told.count(Change.TRAINING) >= 5
         assert [row["number"] for row in training.episodes] == [0, 1, 2]
         assert all(row["steps"] == 4 and "goal" in row["terms"] for row in training.episodes)
+        assert [row["number"] for row in training.driven] == [0, 1], "the last of three is a demonstration"
         assert list(training.checkpoints()) == ["episode_000000", "policy"]
         with pytest.raises(StudioError, match="complete"):
             service.resume(training.id)
@@ -204,14 +205,14 @@ def test_a_comparison_of_a_scene_that_has_changed_is_not_shown(tmp_path, monkeyp
 
 @pytest.mark.parametrize("task", [Task.GROUND, Task.CURRICULUM])
 def test_a_training_says_all_that_it_takes_to_go_on_elsewhere(task):
-    plan = TrainingPlan(task=task, episodes=3)
+    plan = TrainingPlan(task=task, episodes=3, demonstrations=30)
     document = None if task is Task.CURRICULUM else meadow_scene().to_json()
     settings = training_settings(plan, document)
     assert settings.curriculum is (task is Task.CURRICULUM)
     if task is Task.GROUND:
         (drives,) = settings.resets
         assert drives["observers"] == len(meadow_scene().observers) and "terrain" not in drives
-    assert settings.document()["episodes"] == 3
+    assert (settings.episodes, settings.demonstrations) == (3, 30)
 
 
 async def put_on_record(service: TrainingService):

@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import io
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from test_view_view import Guest
 from app.changes import Change, StudioError
 from app.training_plan import TrainingPlan, TrainingStatus
 from app.training_process import Drawn, Moved
+from app.training_records import Training
 from app.training_service import Compared
 from app.training_sight import Seen, Sight, TrueGround, perceived
 from app.training_trial import Driver, Trial
@@ -171,6 +173,17 @@ def test_the_panel_says_how_a_training_goes_and_shows_its_past(view, server):
     assert "2 of 10" in words and "rolled over, return 1.0" in words and "50%" in words
     assert "failed" in trainings_table([training], training)
     assert "Nothing has been trained" in state(None)
+
+
+def test_rates_are_the_policys_own_and_demonstrations_are_counted(tmp_path):
+    shown = row(1, success=True) | {"demonstrated": True}
+    plan = TrainingPlan(episodes=4, demonstrations=50)
+    training = Training(1, "", "", plan, tmp_path, TrainingStatus.RUNNING, episodes=[row(0), shown, row(2)])
+    words = state(training)
+    assert "3 of 4" in words and "Success, last 2" in words and "return 2.0" in words
+    assert "0%" in words and "33%" not in words
+    assert re.search(r"Driven by the planner</td>.*?>1<", words)
+    assert "0%" in trainings_table([training], training)
 
 
 def test_two_drives_stand_side_by_side():
