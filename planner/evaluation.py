@@ -53,7 +53,8 @@ def drive(spec: MissionSpec) -> dict[str, Any]:
     set_up = suite_mission(
         spec.suite, spec.terrain, spec.seed, spec.observers, spec.goal_distance, spec.placement
     )
-    with Mission(set_up.scenario, spec.method, spec.seed, spec.perception, rays=set_up.rays) as mission:
+    place = {"world": set_up.stage, "rays": set_up.rays}
+    with Mission(set_up.scenario, spec.method, spec.seed, spec.perception, **place) as mission:
         log = TrajectoryLog()
         log.add(mission.frame)
         for frame in mission.frames():

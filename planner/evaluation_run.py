@@ -1,32 +1,40 @@
 """An evaluation under way: missions to processes, results to the journal, whatever happens to either.
 
-On this machine joblib distributes over loky's processes; one job is this process. What a worker was driving
-when it was killed is driven again, alone, and at last counted as an error. `planner.evaluation_cluster`
-drives elsewhere.
+On this machine joblib's processes (loky) drive; one job is this process. What a worker was driving when it
+was killed is driven again, and at last counted as an error. `planner.evaluation_cluster` drives elsewhere.
 """
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import os
 import signal
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache, partial
-from typing import Any, Protocol, cast
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import replace
+from functools import partial
+from typing import Any, Protocol
 
-from joblib import Parallel, delayed
-from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from planner import evaluation
 from planner.evaluation import MissionSpec, failed
 from planner.evaluation_journal import Journal
+from planner.frames import Perception
+from planner.warm_up import warm_up
 from scenes.embree import use_threads
 
 ATTEMPTS = 2
-"""How often a mission may take its worker with it, alone, before that is its result."""
+"""How often a mission may take its worker with it before that is its result."""
+
+THREADS_OF_LIBRARIES = (
+    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS",
+)  # fmt: skip
 
 Result = dict[str, Any]
 
@@ -69,56 +77,109 @@ class Local:
     """`jobs` processes on this machine, or this one; `attempt` drives a mission whatever goes wrong in it."""
 
     def __init__(self, jobs: int, attempt: Callable[[MissionSpec], Result] | None = None) -> None:
-        self._jobs = jobs
-        threads = max(1, len(os.sched_getaffinity(0)) // jobs)
-        self._attempt = attempt or (attempt_here if jobs == 1 else partial(attempt_apart, threads=threads))
+        self._jobs, self._drives = jobs, attempt is None
+        self._attempt = attempt or attempt_here
 
     def driven(self, missing: Sequence[MissionSpec], stop: threading.Event) -> Iterator[Result]:
         """See `Pool`; its processes end with it."""
-        suspects: set[MissionSpec] = set()
+        if self._jobs > 1:
+            yield from self._apart(missing, stop)
+            return
+        for spec in missing:
+            if stop.is_set():
+                return
+            yield self._attempt(spec)
+
+    def _apart(self, missing: Sequence[MissionSpec], stop: threading.Event) -> Iterator[Result]:
+        plan, at_once = _Plan(missing), True
+        threads = max(1, len(os.sched_getaffinity(0)) // self._jobs)
+        kinds = {(spec.method, spec.perception): None for spec in missing if self._drives}
+        workers = [_Worker(threads, tuple(kinds)) for _ in range(min(self._jobs, len(missing)))]
+        flying: dict[Future[Result], tuple[_Worker, MissionSpec]] = {}
+
+        def begin(worker: _Worker) -> None:
+            spec = None if stop.is_set() else plan.next_for(worker)
+            if spec is not None:
+                flying[worker.begin(self._attempt, spec)] = worker, spec
+
         crashes: Counter[MissionSpec] = Counter()
-        queue, at_once = deque(missing), True
         try:
-            while queue and not stop.is_set():
-                # what was under way when a worker died drives alone, to know which is to blame the next time
-                turn = [spec for spec in queue if spec not in suspects] or [queue[0]]
-                flying: dict[MissionSpec, None] = {}
-                finished: set[MissionSpec] = set()
-                try:
-                    for spec, result in self._turn(turn, stop, flying):
-                        finished.add(spec)
+            for worker in workers:
+                begin(worker)
+            while flying:
+                ready, _ = wait(flying, return_when=FIRST_COMPLETED)
+                for future in ready:
+                    worker, spec = flying.pop(future)
+                    result = None
+                    try:
+                        result = future.result()
+                    except BrokenProcessPool:
+                        worker.renew()
+                        crashes[spec] += 1
+                        if crashes[spec] < ATTEMPTS:
+                            plan.put_back(worker, spec)
+                        else:
+                            result = failed(spec, f"its process was killed {ATTEMPTS} times in that mission")
+                    begin(worker)
+                    if result is not None:
                         yield result
-                except BrokenProcessPool:
-                    suspects |= flying.keys() - finished
-                    crashes.update(list(flying) if len(turn) == 1 else [])
-                for spec in [spec for spec in queue if crashes[spec] >= ATTEMPTS]:
-                    finished.add(spec)
-                    yield failed(spec, f"its process was killed {ATTEMPTS} times while it drove that alone")
-                queue = deque(spec for spec in queue if spec not in finished)
             at_once = False
         finally:
-            if self._jobs > 1:
-                get_reusable_executor().shutdown(wait=True, kill_workers=at_once)
-
-    def _turn(
-        self, turn: list[MissionSpec], stop: threading.Event, flying: dict[MissionSpec, None]
-    ) -> Iterator[tuple[MissionSpec, Result]]:
-        """Drive some missions; `flying` takes up those that were begun."""
-
-        def begun() -> Iterator[Any]:
-            for spec in turn:
-                if stop.is_set():
-                    return
-                flying[spec] = None
-                yield delayed(_with_spec)(self._attempt, spec)
-
-        options: Any = {"pre_dispatch": self._jobs, "batch_size": 1}
-        parallel = Parallel(n_jobs=self._jobs, return_as="generator_unordered", **options)
-        yield from cast(Iterator[tuple[MissionSpec, Result]], parallel(begun()))
+            for worker in workers:
+                worker.end(at_once)
 
 
-def _with_spec(attempt: Callable[[MissionSpec], Result], spec: MissionSpec) -> tuple[MissionSpec, Result]:
-    return spec, attempt(spec)
+class _Worker:
+    """One process of joblib's, which drives one mission at a time: who dies is who was to blame.
+
+    threads : that rays and each of its libraries may use
+    kinds : the methods that it will drive, with their perceptions
+    """
+
+    def __init__(self, threads: int, kinds: tuple[tuple[str, Perception], ...]) -> None:
+        self._limits = {name: os.environ.get(name, str(threads)) for name in THREADS_OF_LIBRARIES}
+        self._settle = partial(_settle, threads, kinds)
+        self._executor = self._new()
+
+    def _new(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(max_workers=1, env=self._limits, initializer=self._settle)
+
+    def begin(self, attempt: Callable[[MissionSpec], Result], spec: MissionSpec) -> Future[Result]:
+        return self._executor.submit(attempt, spec)
+
+    def renew(self) -> None:
+        """Put a new process in the place of one that died."""
+        self.end(at_once=True)
+        self._executor = self._new()
+
+    def end(self, at_once: bool) -> None:
+        self._executor.shutdown(wait=True, kill_workers=at_once)
+
+
+class _Plan:
+    """What is left to drive. Whoever has driven a mission with one method gets its other methods, too, for
+    it has made the scene; at last the others' are shared."""
+
+    def __init__(self, wanted: Sequence[MissionSpec]) -> None:
+        by_mission: dict[MissionSpec, deque[MissionSpec]] = defaultdict(deque)
+        for spec in wanted:
+            by_mission[replace(spec, method="")].append(spec)
+        self._untouched = deque(by_mission.values())
+        self._held: dict[_Worker, deque[MissionSpec]] = {}
+
+    def next_for(self, worker: _Worker) -> MissionSpec | None:
+        """None when nothing is left."""
+        if not self._held.get(worker):
+            if self._untouched:
+                self._held[worker] = self._untouched.popleft()
+            else:
+                most = max(self._held.values(), key=len, default=deque())
+                return most.pop() if most else None
+        return self._held[worker].popleft()
+
+    def put_back(self, worker: _Worker, spec: MissionSpec) -> None:
+        """For another attempt."""
+        self._held[worker].appendleft(spec)
 
 
 def attempt_here(spec: MissionSpec) -> Result:
@@ -129,19 +190,17 @@ def attempt_here(spec: MissionSpec) -> Result:
         return failed(spec, " ".join(f"{type(error).__name__}: {error}".split()))
 
 
-def attempt_apart(spec: MissionSpec, threads: int = 1) -> Result:
-    """As `attempt_here`, in a process that leaves Ctrl-C to its parent and ends with it.
-
-    threads : for rays"""
-    _settle(threads)
-    return attempt_here(spec)
-
-
-@cache
-def _settle(threads: int) -> None:
+def _settle(threads: int, kinds: tuple[tuple[str, Perception], ...]) -> None:
+    """Be a process that leaves Ctrl-C to its parent, ends with it, and has all that it needs from the start:
+    joblib takes what a process comes to need later for a leak, and looks for garbage after every drive."""
     use_threads(threads)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    for method, perception in kinds:
+        with contextlib.suppress(Exception):  # its drives meet it again and tell
+            warm_up(method, perception)
+    gc.collect()
+    gc.freeze()
 
 
 def _end_with(parent: int) -> None:

@@ -8,7 +8,7 @@ fifths of its exposed seconds. `crossing` is random ground on which people and v
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
 from itertools import islice
@@ -22,6 +22,7 @@ from scenes.crossings import crossing_scenario
 from scenes.families import generate
 from scenes.rays import RayScene
 from scenes.scenario import Family, Scenario, ScenarioError
+from scenes.stage import Stage
 
 LEAST_SEEN = 0.25
 MOST_LEFT = 0.6
@@ -60,14 +61,17 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class SuiteMission:
-    """rays : of its ground and cover"""
+    """rays : of its ground and cover
+    stage : its physics, for drives one after another
+    """
 
     scenario: Scenario
     reference: Reference
     rays: RayScene
+    stage: Stage = field(default_factory=Stage)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=2)
 def suite_mission(
     suite: Suite,
     terrain: Family,
