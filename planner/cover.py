@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from planner.detection import Sighting
 from planner.frames import CoverEstimate, Percept
@@ -24,6 +25,7 @@ _PAPER_CLASSES = frozenset(
 )
 
 
+@lru_cache(maxsize=256)
 def is_cover_class(name: str) -> bool:
     """Whether Algorithm 1 counts this class: the paper's spellings, the catalogue's, in any case."""
     return " ".join(name.replace("_", " ").lower().split()) in _PAPER_CLASSES
@@ -162,10 +164,11 @@ def choose_cover(
     """
     best: CoverChoice | None = None
     for candidate in cover:
-        entry = CATALOGUE[candidate.kind]
-        usable = entry.conceals(candidate.width, candidate.height, HUSKY.width, HUSKY.height)
         distance = math.dist(robot, (candidate.x, candidate.y))
-        if not usable or candidate.confidence < CONFIDENCE_THRESHOLD or distance > max_distance:
+        if candidate.confidence < CONFIDENCE_THRESHOLD or distance > max_distance:
+            continue
+        entry = CATALOGUE[candidate.kind]
+        if not entry.conceals(candidate.width, candidate.height, HUSKY.width, HUSKY.height):
             continue
         choice = _rated(candidate, robot, goal, eyes, max_distance)
         if best is None or choice.score > best.score:

@@ -32,6 +32,9 @@ from scenes.embree import use_threads
 ATTEMPTS = 2
 """How often a mission may take its worker with it before that is its result."""
 
+GARBAGE = 20_000
+"""Objects between two searches for garbage, of which a drive makes little."""
+
 THREADS_OF_LIBRARIES = (
     "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS",
 )  # fmt: skip
@@ -201,6 +204,7 @@ def _settle(threads: int, kinds: tuple[tuple[str, Perception], ...]) -> None:
             warm_up(method, perception)
     gc.collect()
     gc.freeze()
+    gc.set_threshold(GARBAGE)
 
 
 def _end_with(parent: int) -> None:

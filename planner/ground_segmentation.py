@@ -70,11 +70,14 @@ def segment_kernel(points, origin, base, gradient):
     labels = np.zeros((columns, beams), np.uint8)
     expected = np.full((columns, beams), np.nan)
     distances = np.empty((columns, beams))
-    ground_d, ground_z = np.empty(beams + 2), np.empty(beams + 2)
+    ground_d, ground_z, above = np.empty(beams + 2), np.empty(beams + 2), np.empty(beams + 1)
     for c in range(columns):
         height, distance = points[c, :, 2], distances[c]
         first = -1
         for i in range(beams):
+            if np.isnan(height[i]):
+                distance[i] = np.nan
+                continue
             distance[i] = math.hypot(points[c, i, 0] - origin[0], points[c, i, 1] - origin[1])
             if first < 0 and distance[i] > 1e-6:
                 first = i
@@ -89,20 +92,19 @@ def segment_kernel(points, origin, base, gradient):
         )
         ground_z[1] = ground_z[0] + FOOT * slope
         _segment_column(
-            distance, height, origin[2] - ground_z[0], ground_d, ground_z, labels[c], expected[c]
+            distance, height, origin[2] - ground_z[0], ground_d, ground_z, above, labels[c], expected[c]
         )
     return labels, expected, distances
 
 
 @numba.njit(cache=True)
-def _segment_column(distance, height, mast, ground_d, ground_z, labels, expected):
+def _segment_column(distance, height, mast, ground_d, ground_z, above, labels, expected):
     known = 2
     foot_d, foot_z = -1.0, 0.0
     last = -1
     beams = len(height)
     # How high each return lies over a slope as steep as ground can be: the least of those below, the greatest
     # of those above. Most returns need no further look at either.
-    above = np.empty(beams + 1)
     above[beams], below_least = -np.inf, np.inf
     for i in range(beams - 1, -1, -1):
         over = height[i] - GROUND_SLOPE * distance[i]

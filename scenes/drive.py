@@ -6,7 +6,7 @@ A feed-forward widened track gives most of it (as Clearpath's controller does), 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from scenes.husky import AXLE_Y, WHEEL_RADIUS
 from scenes.pose import Twist
@@ -20,8 +20,7 @@ MAX_YAW_CORRECTION = 3.0
 MAX_WHEEL_SPEED = 14.0
 
 
-@dataclass(frozen=True)
-class DriveState:
+class DriveState(NamedTuple):
     """The reference that follows the command within the acceleration limits, and the integrals."""
 
     v: float = 0.0
@@ -40,10 +39,9 @@ def clipped(command: Twist) -> Twist:
 
 def drive(state: DriveState, command: Twist, measured: Twist, dt: float) -> tuple[DriveState, float, float]:
     """The next state and the left and right wheel speeds in rad/s, `dt` seconds after the last."""
-    v = state.v + _clip(command.v - state.v, -HUSKY.max_acceleration * dt, HUSKY.max_acceleration * dt)
-    w = state.w + _clip(
-        command.w - state.w, -HUSKY.max_yaw_acceleration * dt, HUSKY.max_yaw_acceleration * dt
-    )
+    v_step, w_step = HUSKY.max_acceleration * dt, HUSKY.max_yaw_acceleration * dt
+    v = state.v + _clip(command.v - state.v, -v_step, v_step)
+    w = state.w + _clip(command.w - state.w, -w_step, w_step)
     speed_error, yaw_error = v - measured.v, w - measured.w
     speed_correction = _clip(
         state.speed_correction + SPEED_INTEGRAL_GAIN * speed_error * dt,
@@ -65,4 +63,4 @@ def drive(state: DriveState, command: Twist, measured: Twist, dt: float) -> tupl
 
 
 def _clip(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
+    return low if value < low else high if value > high else value

@@ -298,15 +298,18 @@ def near_sphere(origins, directions, reach, centre, radius):
     centre : (3,); origins : (n, 3), or (1, 3) for all; directions : (n, 3) of unit length"""
     single = len(origins) == 1
     found = np.empty(len(directions), np.intp)
-    count = 0
+    count, largest = 0, 1.01 * radius * radius
+    x = y = z = square = 0.0
     for i in range(len(directions)):
-        begin = 0 if single else i
-        along = square = 0.0
-        for axis in range(3):
-            offset = centre[axis] - np.float64(origins[begin, axis])
-            along += offset * directions[i, axis]
-            square += offset * offset
-        if -radius < along < reach[i] + radius and square - along * along < 1.01 * radius * radius:
+        if i == 0 or not single:
+            x, y, z = (
+                centre[0] - np.float64(origins[i, 0]),
+                centre[1] - np.float64(origins[i, 1]),
+                centre[2] - np.float64(origins[i, 2]),
+            )
+            square = x * x + y * y + z * z
+        along = x * directions[i, 0] + y * directions[i, 1] + z * directions[i, 2]
+        if -radius < along < reach[i] + radius and square - along * along < largest:
             found[count] = i
             count += 1
     return found[:count]
