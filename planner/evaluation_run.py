@@ -13,7 +13,7 @@ import signal
 import threading
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import replace
 from functools import partial
@@ -94,13 +94,13 @@ class Local:
             yield self._attempt(spec)
 
     def _apart(self, missing: Sequence[MissionSpec], stop: threading.Event) -> Iterator[Result]:
-        plan, at_once = _Plan(missing), True
+        plan, at_once = Plan(missing), True
         threads = max(1, len(os.sched_getaffinity(0)) // self._jobs)
         kinds = {(spec.method, spec.perception): None for spec in missing if self._drives}
-        workers = [_Worker(threads, tuple(kinds)) for _ in range(min(self._jobs, len(missing)))]
-        flying: dict[Future[Result], tuple[_Worker, MissionSpec]] = {}
+        workers = [Worker(threads, tuple(kinds)) for _ in range(min(self._jobs, len(missing)))]
+        flying: dict[Future[Result], tuple[Worker, MissionSpec]] = {}
 
-        def begin(worker: _Worker) -> None:
+        def begin(worker: Worker) -> None:
             spec = None if stop.is_set() else plan.next_for(worker)
             if spec is not None:
                 flying[worker.begin(self._attempt, spec)] = worker, spec
@@ -132,7 +132,7 @@ class Local:
                 worker.end(at_once)
 
 
-class _Worker:
+class Worker:
     """One process of joblib's, which drives one mission at a time: who dies is who was to blame.
 
     threads : that rays and each of its libraries may use
@@ -148,7 +148,11 @@ class _Worker:
         return ProcessPoolExecutor(max_workers=1, env=self._limits, initializer=self._settle)
 
     def begin(self, attempt: Callable[[MissionSpec], Result], spec: MissionSpec) -> Future[Result]:
-        return self._executor.submit(attempt, spec)
+        try:
+            return self._executor.submit(attempt, spec)
+        except BrokenProcessPool:  # it died while it had nothing to do
+            self.renew()
+            return self._executor.submit(attempt, spec)
 
     def renew(self) -> None:
         """Put a new process in the place of one that died."""
@@ -159,7 +163,7 @@ class _Worker:
         self._executor.shutdown(wait=True, kill_workers=at_once)
 
 
-class _Plan:
+class Plan:
     """What is left to drive. Whoever has driven a mission with one method gets its other methods, too, for
     it has made the scene; at last the others' are shared."""
 
@@ -168,9 +172,9 @@ class _Plan:
         for spec in wanted:
             by_mission[replace(spec, method="")].append(spec)
         self._untouched = deque(by_mission.values())
-        self._held: dict[_Worker, deque[MissionSpec]] = {}
+        self._held: dict[Hashable, deque[MissionSpec]] = {}
 
-    def next_for(self, worker: _Worker) -> MissionSpec | None:
+    def next_for(self, worker: Hashable) -> MissionSpec | None:
         """None when nothing is left."""
         if not self._held.get(worker):
             if self._untouched:
@@ -180,9 +184,9 @@ class _Plan:
                 return most.pop() if most else None
         return self._held[worker].popleft()
 
-    def put_back(self, worker: _Worker, spec: MissionSpec) -> None:
+    def put_back(self, worker: Hashable, spec: MissionSpec) -> None:
         """For another attempt."""
-        self._held[worker].appendleft(spec)
+        self._held.setdefault(worker, deque()).appendleft(spec)
 
 
 def attempt_here(spec: MissionSpec) -> Result:

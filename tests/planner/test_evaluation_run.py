@@ -6,11 +6,12 @@ from functools import partial
 import pytest
 from crashing import attempt
 from drives import mission
+from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from planner import evaluation
 from planner.evaluation import specs
 from planner.evaluation_journal import Journal
-from planner.evaluation_run import ATTEMPTS, Local, evaluate
+from planner.evaluation_run import ATTEMPTS, Local, Plan, Worker, evaluate
 from planner.frames import Perception
 from planner.suites import Suite
 from scenes.scenario import Family
@@ -78,6 +79,45 @@ def test_a_full_disk_stops_it_too(tmp_path, driven):
         for _ in evaluate(wanted(), Local(1), journal):
             journal.full = True
         assert len(driven) < 4 and len(journal.results) == len(driven)
+
+
+def test_who_has_driven_a_mission_gets_its_other_methods_and_the_last_are_shared():
+    plan = Plan(specs(["dwa", "terp", "route"], [Family.NORMAL], 3, 0, Perception.LIDAR, 12.0))
+
+    def taken(who, count):
+        return [(spec.seed, spec.method) for spec in (plan.next_for(who) for _ in range(count)) if spec]
+
+    assert taken("one", 2) == [(0, "dwa"), (0, "terp")]
+    assert taken("other", 1) == [(1, "dwa")]
+    assert taken("one", 4) == [(0, "route"), (2, "dwa"), (2, "terp"), (2, "route")]
+    assert taken("one", 1) == [(1, "route")], "the other goes on with what is next"
+    assert taken("other", 2) == [(1, "terp")] and taken("one", 1) == []
+
+
+def test_what_is_put_back_is_next():
+    plan = Plan(specs(["dwa", "terp"], [Family.NORMAL], 1, 0, Perception.LIDAR, 12.0))
+    plan.next_for("one")
+    shared = plan.next_for("other")
+    plan.put_back("other", shared)
+    assert plan.next_for("other") is shared and plan.next_for("one") is None
+
+
+class Dead:
+    """An executor whose process is gone."""
+
+    def submit(self, *_):
+        raise BrokenProcessPool("gone")
+
+    def shutdown(self, **_):
+        pass
+
+
+def test_a_process_that_died_while_it_had_nothing_to_do_is_renewed():
+    worker = Worker(1, ())
+    worker.end(at_once=True)
+    worker._executor = Dead()
+    assert worker.begin(str, "seven").result() == "seven"
+    worker.end(at_once=False)
 
 
 def test_what_a_killed_worker_was_driving_is_driven_again_and_at_last_counted_as_an_error(tmp_path):
