@@ -177,11 +177,28 @@ class Perceiver:
 
 def obstacle_points(grid: GridMap) -> np.ndarray:
     """(n, 2) world centres of obstacle cells, without those that other obstacle cells enclose."""
-    blocked = grid.obstacle
-    inner = np.zeros_like(blocked)
-    inner[1:-1, 1:-1] = blocked[:-2, 1:-1] & blocked[2:, 1:-1] & blocked[1:-1, :-2] & blocked[1:-1, 2:]
-    row, col = np.nonzero(blocked & ~inner)
+    row, col = _rims(grid.obstacle)
     return np.column_stack([grid.x_min + col * grid.resolution, grid.y_min + row * grid.resolution])
+
+
+@njit(cache=True)
+def _rims(blocked):
+    """Rows and columns, in row order, of cells that are blocked and have a side that is not or is none."""
+    rows, cols = blocked.shape
+    found, count = np.empty((2, rows * cols), np.int64), 0
+    for row in range(rows):
+        for col in range(cols):
+            if blocked[row, col] and not (
+                0 < row < rows - 1
+                and 0 < col < cols - 1
+                and blocked[row - 1, col]
+                and blocked[row + 1, col]
+                and blocked[row, col - 1]
+                and blocked[row, col + 1]
+            ):
+                found[0, count], found[1, count] = row, col
+                count += 1
+    return found[0, :count], found[1, :count]
 
 
 def nearest_points(

@@ -237,6 +237,16 @@ def test_obstacle_points_are_the_rims_of_obstacles():
     assert points.max(axis=0).tolist() == [2.0, 0.5]
 
 
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.9, 1.0])
+def test_rims_are_those_of_a_plain_twin(share):
+    obstacle = np.random.default_rng(0).random((23, 31)) < share
+    inner = np.zeros_like(obstacle)
+    inner[1:-1, 1:-1] = obstacle[:-2, 1:-1] & obstacle[2:, 1:-1] & obstacle[1:-1, :-2] & obstacle[1:-1, 2:]
+    row, col = np.nonzero(obstacle & ~inner)
+    expected = np.column_stack([-1.0 + 0.5 * col, -2.0 + 0.5 * row])
+    assert np.array_equal(obstacle_points(grid_of(obstacle)), expected)
+
+
 def test_no_obstacles_give_no_points():
     points = obstacle_points(grid_of(np.zeros((8, 9), bool)))
     pose = Pose(0.0, 0.0, 0.0)
