@@ -151,20 +151,19 @@ def training_settings(plan: TrainingPlan, document: str | None) -> TrainingSetti
     from planner.training_settings import TrainingSettings
 
     options: dict[str, Any] = {"reward": plan.reward.value, "dynamics": plan.dynamics.value}
+    shared: dict[str, Any] = {
+        "episodes": plan.episodes, "seed": plan.seed, "demonstrations": plan.demonstrations,
+    }  # fmt: skip
     if plan.task is Task.CURRICULUM or document is None:
         steps = plan.steps or max(stage.steps for stage in STAGES)
-        return TrainingSettings(
-            plan.episodes, steps, plan.seed, options=options, curriculum=True,
-            demonstrations=plan.demonstrations,
-        )  # fmt: skip
+        return TrainingSettings(steps=steps, options=options, curriculum=True, **shared)
     resets = ()
     if plan.task is Task.GROUND:
         resets = (reset_options(task_like(Scenario.model_validate_json(document))),)
     options |= {"document": document}
     return TrainingSettings(
-        plan.episodes, plan.steps or 100, plan.seed, ENVIRONMENT, options, resets,
-        demonstrations=plan.demonstrations,
-    )  # fmt: skip
+        steps=plan.steps or 100, environment=ENVIRONMENT, options=options, resets=resets, **shared
+    )
 
 
 def _run(trainer: Trainer, pipe: connection.Connection) -> bool:

@@ -53,8 +53,9 @@ def drive(spec: MissionSpec) -> dict[str, Any]:
     set_up = suite_mission(
         spec.suite, spec.terrain, spec.seed, spec.observers, spec.goal_distance, spec.placement
     )
-    place = {"world": set_up.stage, "rays": set_up.rays}
-    with Mission(set_up.scenario, spec.method, spec.seed, spec.perception, **place) as mission:
+    with Mission(
+        set_up.scenario, spec.method, spec.seed, spec.perception, world=set_up.stage, rays=set_up.rays
+    ) as mission:
         log = TrajectoryLog()
         log.add(mission.frame)
         for frame in mission.frames():

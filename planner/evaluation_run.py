@@ -32,9 +32,6 @@ from scenes.embree import use_threads
 ATTEMPTS = 2
 """How often a mission may take its worker with it before that is its result."""
 
-GARBAGE = 20_000
-"""Objects between two searches for garbage, of which a drive makes little."""
-
 THREADS_OF_LIBRARIES = (
     "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS",
 )  # fmt: skip
@@ -80,8 +77,7 @@ class Local:
     """`jobs` processes on this machine, or this one; `attempt` drives a mission whatever goes wrong in it."""
 
     def __init__(self, jobs: int, attempt: Callable[[MissionSpec], Result] | None = None) -> None:
-        self._jobs, self._drives = jobs, attempt is None
-        self._attempt = attempt or attempt_here
+        self._jobs, self._attempt = jobs, attempt or attempt_here
 
     def driven(self, missing: Sequence[MissionSpec], stop: threading.Event) -> Iterator[Result]:
         """See `Pool`; its processes end with it."""
@@ -96,8 +92,9 @@ class Local:
     def _apart(self, missing: Sequence[MissionSpec], stop: threading.Event) -> Iterator[Result]:
         plan, at_once = Plan(missing), True
         threads = max(1, len(os.sched_getaffinity(0)) // self._jobs)
-        kinds = {(spec.method, spec.perception): None for spec in missing if self._drives}
-        workers = [Worker(threads, tuple(kinds)) for _ in range(min(self._jobs, len(missing)))]
+        known = missing if self._attempt is attempt_here else ()
+        methods = tuple(dict.fromkeys((spec.method, spec.perception) for spec in known))
+        workers = [Worker(threads, methods) for _ in range(min(self._jobs, len(missing)))]
         flying: dict[Future[Result], tuple[Worker, MissionSpec]] = {}
 
         def begin(worker: Worker) -> None:
@@ -136,12 +133,12 @@ class Worker:
     """One process of joblib's, which drives one mission at a time: who dies is who was to blame.
 
     threads : that rays and each of its libraries may use
-    kinds : the methods that it will drive, with their perceptions
+    methods : those that it will drive, with their perceptions
     """
 
-    def __init__(self, threads: int, kinds: tuple[tuple[str, Perception], ...]) -> None:
+    def __init__(self, threads: int, methods: tuple[tuple[str, Perception], ...]) -> None:
         self._limits = {name: os.environ.get(name, str(threads)) for name in THREADS_OF_LIBRARIES}
-        self._settle = partial(_settle, threads, kinds)
+        self._settle = partial(_settle, threads, methods)
         self._executor = self._new()
 
     def _new(self) -> ProcessPoolExecutor:
@@ -197,18 +194,17 @@ def attempt_here(spec: MissionSpec) -> Result:
         return failed(spec, " ".join(f"{type(error).__name__}: {error}".split()))
 
 
-def _settle(threads: int, kinds: tuple[tuple[str, Perception], ...]) -> None:
+def _settle(threads: int, methods: tuple[tuple[str, Perception], ...]) -> None:
     """Be a process that leaves Ctrl-C to its parent, ends with it, and has all that it needs from the start:
     joblib takes what a process comes to need later for a leak, and looks for garbage after every drive."""
     use_threads(threads)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
-    for method, perception in kinds:
+    for method, perception in methods:
         with contextlib.suppress(Exception):  # its drives meet it again and tell
             warm_up(method, perception)
     gc.collect()
     gc.freeze()
-    gc.set_threshold(GARBAGE)
 
 
 def _end_with(parent: int) -> None:

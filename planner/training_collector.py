@@ -121,12 +121,12 @@ class Collector:
         except ValueError as error:
             raise CollectionError(f"episode {order.number} cannot begin: {error}") from error
         drive.saw(observation)
-        shown = None if order.demonstrator is None else make_method(order.demonstrator, order.seed)
+        planner = None if order.demonstrator is None else make_method(order.demonstrator, order.seed)
         info: dict[str, Any] = {}
         for step in range(order.steps):
             if gate is not None:
                 gate.wait()
-            action = drive.act() if shown is None else _demonstrated(env, shown)
+            action = drive.act() if planner is None else _demonstrated(env, planner)
             observation, reward, terminated, truncated, info = env.step(action)
             _check(info.get("terms", {}) | {"total": float(reward)}, step, order.number)
             drive.did(action, float(reward), terminated, info)

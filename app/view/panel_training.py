@@ -53,7 +53,7 @@ class TrainingTab:
             self._task = gui.add_dropdown("Learn on", tuple(TASKS))
             self._reward = gui.add_dropdown("Reward", tuple(REWARDS))
             self._episodes = gui.add_number("Episodes", 100, min=1, max=100_000, step=1)
-            self._shown = gui.add_number(
+            self._demonstrations = gui.add_number(
                 "Demos, %", 0, min=0, max=MOST_DEMONSTRATIONS, step=1,
                 hint="Demonstrations: episodes that least_cost drives, for the policy to learn from",
             )  # fmt: skip
@@ -103,7 +103,7 @@ class TrainingTab:
             reward=REWARDS.get(self._reward.value, RewardName.CORRECTED),
             episodes=_within(self._episodes.value, 1, 100_000),
             seed=_within(self._seed.value, 0, LARGEST_SEED),
-            demonstrations=_within(self._shown.value, 0, MOST_DEMONSTRATIONS),
+            demonstrations=_within(self._demonstrations.value, 0, MOST_DEMONSTRATIONS),
         )
         training = await self._show.service.start(plan)
         self._show.choose(training.id)
