@@ -18,7 +18,7 @@ from numba import njit
 from trimesh.visual import ColorVisuals
 
 from scenes.catalogue import CATALOGUE
-from scenes.embree import Part, build_tree, first_hits
+from scenes.embree import FirstHits, Part, Tree
 from scenes.meshes import cover_mesh, cover_pose, walker_mesh
 from scenes.pose import Pose
 from scenes.scenario import CoverObject, MovingObstacle, Observer
@@ -83,7 +83,7 @@ class _Figure:
 
     def __init__(self, kind: Literal["person", "vehicle", "observer"]):
         mesh = walker_mesh(kind)
-        self.scene = build_tree([(mesh.vertices, mesh.faces)])
+        self.tree = Tree([(mesh.vertices, mesh.faces)])
         self.colours = _face_colours(mesh)
         self.centre = mesh.bounds.mean(axis=0)
         self.radius = float(np.linalg.norm(mesh.vertices - self.centre, axis=1).max())
@@ -125,7 +125,7 @@ class RayScene:
             self._parts.append((vertices, mesh.faces))
             self._colours.append(_face_colours(mesh))
         self._static = tuple(bodies)
-        self._scene = build_tree(self._parts)
+        self._tree = Tree(self._parts)
         self.__dict__.pop("_sight", None)
         self._rename_walkers()
 
@@ -158,25 +158,30 @@ class RayScene:
         self.__dict__.pop("colours", None)
         self.bodies = self._static + tuple(walker.body for walker in self._walkers)
 
-    def cast(self, origins: np.ndarray, directions: np.ndarray, max_range: float) -> Hits:
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_range: float,
+        order: np.ndarray | None = None,
+    ) -> Hits:
         """The first hit along each ray.
 
         origins : (n, 3), or (3,) for rays that start in one point; directions : (n, 3) of unit length
+        order : (n,) indices of the rays in an order in which neighbours point alike, where theirs is not
+            such; it changes no answer, and is faster
         Surfaces are hit from both sides, so a ray that starts inside a thing hits it on its way out.
         """
         directions = np.ascontiguousarray(directions, np.float32)
-        eye = np.ascontiguousarray(origins, np.float32)
-        origins = eye if eye.ndim == 2 else _repeated(eye, len(directions))
-        reach = np.full(len(origins), max_range, np.float32)
-        answer = first_hits(self._scene, origins, directions, reach)
-        distance, body = answer["tfar"], answer["geomID"]
-        triangle, normal = answer["primID"], answer["Ng"]
+        origins = np.ascontiguousarray(origins, np.float32)
+        reach = np.full(len(directions), max_range, np.float32)
+        distance, body, triangle, normal = self._tree.first_hits(origins, directions, reach, order)
         for walker in self._walkers:
-            rays, found = _cast_at(walker, eye, directions, distance)
-            distance[rays], body[rays] = found["tfar"], walker.body.index
-            triangle[rays] = found["primID"]
-            normal[rays] = found["Ng"] @ walker.pose.rotation.T.astype(np.float32)
-        _mark_misses(distance, body, normal)
+            rays, found = _cast_at(walker, origins, directions, distance)
+            distance[rays], body[rays] = found.distance, walker.body.index
+            triangle[rays] = found.triangle
+            normal[rays] = found.normal @ walker.pose.rotation.T.astype(np.float32)
+        distance[body < 0] = np.inf
         return Hits(distance, body, triangle, normal)
 
     @property
@@ -235,28 +240,9 @@ class RayScene:
         for walker in self._walkers:
             if walker.body.kind is BodyKind.OBSTACLE:
                 rays, found = _cast_at(walker, starts, directions.astype(np.float32), reach)
-                reach[rays], body[rays] = found["tfar"], walker.body.index
+                reach[rays], body[rays] = found.distance, walker.body.index
         hidden = np.flatnonzero(body >= 0)
         return hidden, body[hidden], reach[hidden] + SIGHT_MARGIN
-
-
-@njit(cache=True)
-def _repeated(point, count):
-    """(count, 3) float32: a point (3,) for each of many rays."""
-    points = np.empty((count, 3), np.float32)
-    for i in range(count):
-        for axis in range(3):
-            points[i, axis] = point[axis]
-    return points
-
-
-@njit(cache=True)
-def _mark_misses(distance, body, normal):
-    """Write into the answers of n rays what `Hits` has for a miss."""
-    for i in range(len(body)):
-        if body[i] < 0:
-            distance[i] = np.inf
-            normal[i, 0] = normal[i, 1] = normal[i, 2] = 0.0
 
 
 def _lines(origins: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -273,22 +259,18 @@ def _face_colours(mesh: trimesh.Trimesh) -> np.ndarray:
     return np.asarray(visual.face_colors)[:, :3].astype(np.uint8)
 
 
-def _cast_at(walker: _Walker, origins, directions, reach) -> tuple[np.ndarray, dict]:
-    """Indices of the rays that hit the walker before `reach`, and Embree's answer for them.
+def _cast_at(walker: _Walker, origins, directions, reach) -> tuple[np.ndarray, FirstHits]:
+    """Indices of the rays that hit the walker before `reach`, and what they hit.
 
     origins : (n, 3), or (3,) for all"""
     rotation = walker.pose.rotation.astype(np.float32)
     centre = walker.pose.to_world(walker.figure.centre)
     rays = near_sphere(np.atleast_2d(origins), directions, reach, centre, walker.figure.radius)
     origin = np.broadcast_to(origins, directions.shape)[rays]
-    answer = walker.figure.scene.run(
-        (origin - walker.pose.position.astype(np.float32)) @ rotation,
-        directions[rays] @ rotation,
-        dists=reach[rays],
-        output=1,
-    )
-    hit = answer["geomID"] >= 0
-    return rays[hit], {name: values[hit] for name, values in answer.items()}
+    origin = (origin - walker.pose.position.astype(np.float32)) @ rotation
+    found = walker.figure.tree.first_hits(origin, directions[rays] @ rotation, reach[rays])
+    hit = found.part >= 0
+    return rays[hit], FirstHits(*(answers[hit] for answers in found))
 
 
 @njit(cache=True)

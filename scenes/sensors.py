@@ -84,6 +84,11 @@ class Lidar:
         )
         return (rays.reshape(-1, 3) @ config.mount.rotation.T).astype(np.float32)
 
+    @cached_property
+    def _along_beams(self) -> np.ndarray:
+        """The rays' indices beam by beam: neighbours along a beam are closer than the beams."""
+        return np.arange(len(self.directions)).reshape(-1, self.config.beams).T.ravel()
+
     def scan(self, rays: RayScene, pose: Pose, rng: np.random.Generator) -> PointCloud:
         """One turn of a robot whose true `pose_world_base` is `pose`.
 
@@ -91,7 +96,8 @@ class Lidar:
         """
         config = self.config
         origin = pose.to_world(config.mount.position)
-        hits = rays.cast(origin, self.directions @ pose.rows.astype(np.float32), config.max_range)
+        directions = self.directions @ pose.rows.astype(np.float32)
+        hits = rays.cast(origin, directions, config.max_range, self._along_beams)
         # Every beam draws, so that the noise of one does not depend on what the others hit.
         noise = config.noise * rng.standard_normal(len(self.directions), dtype=np.float32)
         points, ranges, body, column, beam = cloud_kernel(

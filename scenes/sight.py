@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from embreex.rtcore_scene import EmbreeScene
 from numba import njit
 
-from scenes.embree import Part, build_tree
+from scenes.embree import Part, Tree
 
 SIGHT_MARGIN = 0.01
 """Metres at either end of a line of sight in which nothing hides: the eye and the target touch surfaces."""
@@ -24,7 +23,7 @@ class _SheerThings:
     """Things that let light through, each in a tree of its own and in an upright cylinder about it."""
 
     def __init__(self, parts: Sequence[Part]):
-        self.trees = [build_tree([part], robust=True) for part in parts]
+        self.trees = [Tree([part], robust=True) for part in parts]
         low, high = (np.array([end(vertices, axis=0) for vertices, _ in parts]) for end in (np.min, np.max))
         self._x, self._y, _ = (0.5 * (low + high)).T
         slack = 1e-3  # the trees are in single precision
@@ -101,9 +100,9 @@ class SightTrees:
         self._solid_parts = [index for index, share in enumerate(stops) if share >= 1.0]
         self._sheer_parts = [index for index, share in enumerate(stops) if share < 1.0]
         self._through = (1.0 - stops[self._sheer_parts]).astype(np.float32)
-        self._solid = build_tree([parts[index] for index in self._solid_parts], robust=True)
+        self._solid = Tree([parts[index] for index in self._solid_parts], robust=True)
         self._sheer = [parts[index] for index in self._sheer_parts]
-        self._sheer_tree = build_tree(self._sheer, robust=True)
+        self._sheer_tree = Tree(self._sheer, robust=True)
 
     def light(self, origins: np.ndarray, directions: np.ndarray, length: np.ndarray) -> np.ndarray:
         """(n,) float32 share of light that comes through along rays from origins (n, 3), or (3,) for a fan of
@@ -115,7 +114,7 @@ class SightTrees:
         directions, length = directions[rays], length[rays]
         fan = origins.ndim == 1
         origins = origins if fan else origins[rays]
-        blocked = _occluded(self._solid, *_inner(origins, directions, length))
+        blocked = self._solid.occluded(*_inner(origins, directions, length))
         light[rays[blocked]] = 0.0
         clear = ~blocked
         rays, directions, length = rays[clear], directions[clear], length[clear]
@@ -140,7 +139,7 @@ class SightTrees:
         light = np.ones(len(order), np.float32)
         for index in np.flatnonzero(np.diff(begins)).tolist():
             towards = rays[begins[index] : begins[index + 1]]
-            hit = _occluded(things.trees[index], *(part[towards] for part in lines))
+            hit = things.trees[index].occluded(*(part[towards] for part in lines))
             light[towards[hit]] *= self._through[index]
         answer = np.empty_like(light)
         answer[order] = light
@@ -157,11 +156,11 @@ class SightTrees:
         part's index; a solid one is the last."""
         start = (origin + SIGHT_MARGIN * direction).astype(np.float32)[None]
         reach = np.array([max(length - 2.0 * SIGHT_MARGIN, 0.0)], np.float32)
-        answer = self._solid.run(start, direction.astype(np.float32)[None], dists=reach, output=1)
-        end, solid = length - SIGHT_MARGIN, int(answer["geomID"][0])
+        hits = self._solid.first_hits(start, direction[None], reach)
+        end, solid = length - SIGHT_MARGIN, int(hits.part[0])
         met = []
         if solid >= 0:
-            end = float(answer["tfar"][0]) + SIGHT_MARGIN
+            end = float(hits.distance[0]) + SIGHT_MARGIN
             met.append((end, self._solid_parts[solid]))
         _, part, distance = self._passed(origin[None], direction[None], np.array([end]))
         met += [(float(d), self._sheer_parts[p]) for p, d in zip(part, distance, strict=True)]
@@ -177,15 +176,12 @@ class SightTrees:
         start = np.full(len(rays), SIGHT_MARGIN)
         pairs, distances = [np.zeros(0, np.int64)], [np.zeros(0)]
         while len(rays):
-            answer = self._sheer_tree.run(
-                (origins[rays] + start[:, None] * directions[rays]).astype(np.float32),
-                directions[rays].astype(np.float32),
-                dists=(end[rays] - start).astype(np.float32),
-                output=1,
+            hits = self._sheer_tree.first_hits(
+                origins[rays] + start[:, None] * directions[rays], directions[rays], end[rays] - start
             )
-            hit = answer["geomID"] >= 0
-            rays, met = rays[hit], start[hit] + answer["tfar"][hit]
-            pairs.append(rays * count + answer["geomID"][hit])
+            hit = hits.part >= 0
+            rays, met = rays[hit], start[hit] + hits.distance[hit]
+            pairs.append(rays * count + hits.part[hit])
             distances.append(met)
             start = met + _STEP * (1.0 + met)
             ahead = start < end[rays]
@@ -201,10 +197,3 @@ def _inner(
     """Rays without their margins, as Embree takes them: starts and directions (n, 3), lengths (n,)."""
     starts = (origins + SIGHT_MARGIN * directions).astype(np.float32)
     return starts, directions.astype(np.float32), (length - 2.0 * SIGHT_MARGIN).astype(np.float32)
-
-
-def _occluded(
-    tree: EmbreeScene, starts: np.ndarray, directions: np.ndarray, reach: np.ndarray
-) -> np.ndarray:
-    """(n,) bool: whether anything in the tree lies on each ray."""
-    return tree.run(starts, directions, dists=reach, query="OCCLUDED") >= 0

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from scenes.embree import RAYS_WORTH_A_THREAD
 from scenes.meshes import cover_mesh, cover_pose, walker_mesh
-from scenes.rays import BodyKind, RayScene, _mark_misses, near_sphere
+from scenes.rays import BodyKind, RayScene, near_sphere
 from scenes.scenario import MovingObstacle, Observer, Patrol, Point
 from scenes.sight import SIGHT_MARGIN
 from scenes.terrain import Heightmap
@@ -268,17 +268,6 @@ def test_a_fan_of_lines_from_one_eye_means_the_same_as_lines_one_by_one(eye) -> 
     fan, single = scene.visible(start, targets), scene.visible(np.tile(start, (len(targets), 1)), targets)
     assert np.count_nonzero(fan != single) <= 3  # single-precision lines that graze an edge
     assert len(np.unique(np.round(fan, 4))) >= 3
-
-
-@given(st.lists(st.integers(-1, 2), max_size=20))
-def test_marking_misses_agrees_with_its_plain_twin(bodies: list[int]) -> None:
-    body = np.array(bodies, np.int32)
-    distance, normal = np.arange(len(body), dtype=np.float32), np.ones((len(body), 3), np.float32)
-    missed = body < 0
-    plain = np.where(missed, np.inf, distance), np.where(missed[:, None], 0.0, normal)
-    _mark_misses(distance, body, normal)
-    np.testing.assert_array_equal(distance, plain[0])
-    np.testing.assert_array_equal(normal, plain[1])
 
 
 @pytest.mark.parametrize("seed", range(6))
