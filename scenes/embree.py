@@ -7,7 +7,7 @@ answers, and rays that keep close together two to three times as fast.
 from __future__ import annotations
 
 import ctypes
-import importlib.util
+import importlib
 import os
 import weakref
 from collections import deque
@@ -56,9 +56,7 @@ class _Embree:
     def __init__(self) -> None:
         pointer, size, number = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int
         # What embreex's module is linked to is found through it, under whatever name a wheel has it.
-        module = importlib.util.find_spec("embreex.rtcore_scene")
-        assert module is not None and module.origin is not None
-        self._library = ctypes.CDLL(module.origin)
+        self._library = ctypes.CDLL(importlib.import_module("embreex.rtcore_scene").__file__)
         self.new_scene = self._function("rtcNewScene", pointer, pointer)
         self.set_scene_flags = self._function("rtcSetSceneFlags", None, pointer, number)
         self.set_quality = self._function("rtcSetSceneBuildQuality", None, pointer, number)
