@@ -26,7 +26,12 @@ export function cell(tag, text, kind = "") {
   return made;
 }
 
-const number = (value, digits, scale = 1) => (value === null || value === undefined ? "–" : (scale * value).toFixed(digits));
+// Halves go to the even digit, as in the exported tables and the report.
+const STYLES = [0, 1, 2].map((digits) => new Intl.NumberFormat("en", {
+  minimumFractionDigits: digits, maximumFractionDigits: digits, useGrouping: false, roundingMode: "halfEven",
+}));
+
+const number = (value, digits, scale = 1) => (value === null || value === undefined ? "–" : STYLES[digits].format(scale * value));
 
 function range([low, high], digits, scale) {
   return `${number(low, digits, scale)}${low < 0 ? " to " : "–"}${number(high, digits, scale)}`;
@@ -115,7 +120,7 @@ export function showPaired(table, rows) {
 
 function difference(found, scale) {
   if (found.difference === null) return cell("td", "–");
-  const signed = (value) => `${value > 0 ? "+" : ""}${(scale * value).toFixed(1)}`;
+  const signed = (value) => `${value > 0 ? "+" : ""}${number(value, 1, scale)}`;
   const made = cell("td", signed(found.difference));
   if (found.ci95) aside(made, `(${signed(found.ci95[0])} to ${signed(found.ci95[1])})`, "interval");
   made.title = `over ${found.n} pairs`;
