@@ -1,7 +1,8 @@
 """Trees of triangles that Embree 4 casts rays into, in packets of 16.
 
-embreex brings the library and builds it for us; its own class casts rays one at a time. Packets give the same
-answers, and rays that keep close together two to three times as fast.
+embreex brings the library; its own class casts rays one at a time. Packets give the same answers, but for
+which triangle is named where several meet; where the processor has AVX-512 and rays keep close together, they
+are two to three times as fast.
 """
 
 from __future__ import annotations
@@ -88,11 +89,9 @@ class _Embree:
         """Address of the arguments for rays that keep close together, or do not."""
         return ctypes.addressof(self._arguments[coherent])
 
-    def check(self) -> None:
-        """Raise RuntimeError where something has gone wrong since the last time."""
-        error = self._error(self.device)
-        if error:
-            raise RuntimeError(f"Embree could not build the tree of triangles: its error {error}")
+    def error(self) -> int:
+        """Embree's number for what has gone wrong in this thread since it was last asked, else 0."""
+        return self._error(self.device)
 
 
 _EMBREE = _Embree()
@@ -113,20 +112,22 @@ class FirstHits(NamedTuple):
 
 
 class Tree:
-    """One tree over meshes, which several threads may ask at once.
+    """One tree over meshes, which several threads may ask at once. It cannot leave its process.
 
     parts : meshes; what was hit is told by their place in this
     robust : closes the hairline between neighbouring triangles, which sight lines along grid lines meet and
         sensors do not; it costs a fifth of the speed
 
-    Raises RuntimeError where Embree cannot build it. Directions need not be of unit length: distances and
-    reaches are multiples of theirs. Origins are (n, 3), or (3,) for rays from one point, which are cast
-    together and are fastest where neighbours in their order point alike.
+    Raises ValueError for what is not of the shapes named here, RuntimeError where Embree cannot build the
+    tree. Directions need not be of unit length: distances and reaches are multiples of theirs. A ray with a
+    number that is not finite meets nothing; a reach may be infinite.
     """
 
     def __init__(self, parts: Sequence[Part], robust: bool = False):
+        _EMBREE.error()  # somebody else's
         self._scene = _EMBREE.new_scene(_EMBREE.device)
-        weakref.finalize(self, _EMBREE.release_scene, self._scene)
+        # At the end of the process threads may still be casting.
+        weakref.finalize(self, _EMBREE.release_scene, self._scene).atexit = False
         _EMBREE.set_scene_flags(self._scene, _ROBUST if robust else 0)
         _EMBREE.set_quality(self._scene, _HIGH_QUALITY)
         for vertices, faces in parts:
@@ -137,7 +138,12 @@ class Tree:
             _EMBREE.attach_geometry(self._scene, geometry)
             _EMBREE.release_geometry(geometry)
         _EMBREE.commit_scene(self._scene)
-        _EMBREE.check()
+        error = _EMBREE.error()
+        if error:
+            raise RuntimeError(f"Embree could not build the tree of triangles: its error {error}")
+
+    def __reduce__(self):
+        raise TypeError("a tree of triangles cannot leave its process; build it again from its parts")
 
     def first_hits(
         self,
@@ -148,55 +154,45 @@ class Tree:
     ) -> FirstHits:
         """The first hit of each ray, surfaces being hit from both sides.
 
-        directions : (n, 3); reach : (n,)
-        order : (n,) indices of the rays in an order in which neighbours point alike, where theirs is not such
+        origins : (n, 3), or (3,) for rays from one point, which are cast together and are fastest where
+            neighbours point alike; directions : (n, 3); reach : (n,)
+        order : (n,) indices of the rays in an order in which neighbours point alike, where theirs is not
+            such; where a ray meets several triangles in their common edge it may settle which is named
         Many rays are shared out among threads; that changes no answer.
         """
         rays = _as_rays(origins, directions, reach)
-        count = len(directions)
+        count = len(rays[1])
+        order = _as_order(order, count)
         hits = FirstHits(
             np.empty(count, np.float32),
             np.empty(count, np.int32),
             np.empty(count, np.int32),
             np.empty((count, 3), np.float32),
         )
-        call = _EMBREE.intersect, self._scene, _EMBREE.arguments(origins.ndim == 1)
+
+        def cast(some: np.ndarray) -> None:
+            arguments = _EMBREE.arguments(np.ndim(origins) == 1)
+            first_hits_kernel(_EMBREE.intersect, self._scene, arguments, *rays, some, *hits)
+
         shares = min(_threads, count // RAYS_WORTH_A_THREAD)
-        order = np.empty(0, np.intp) if order is None else order
         if shares < 2:
-            first_hits_kernel(*call, *rays, order, *hits)
-            return hits
-        # In pieces, for the sky is soon found empty and the ground below is not: who is done takes another.
-        # Whole packets, so that rays are cast beside the same others whatever the number of threads.
-        packets = -(-count // PACKET)
-        cuts = np.linspace(0, packets, PIECES * shares + 1).astype(int)[1:-1] * PACKET
-        left = deque(np.split(order if len(order) else np.arange(count), cuts))
-
-        def work() -> None:
-            while left:
-                try:
-                    piece = left.popleft()
-                except IndexError:  # somebody else has taken the last
-                    return
-                first_hits_kernel(*call, *rays, piece, *hits)
-
-        helpers = [_pool().submit(work) for _ in range(shares - 1)]
-        work()
-        for helper in helpers:
-            helper.result()
+            cast(order)
+        else:
+            _share_out(cast, order if len(order) else np.arange(count), shares)
         return hits
 
     def occluded(self, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
-        """(n,) bool: whether anything lies on each ray. directions : (n, 3); reach : (n,)"""
-        answer = np.empty(len(directions), bool)
-        arguments = _EMBREE.arguments(origins.ndim == 1)
+        """(n,) bool: whether anything lies on each ray. origins, directions : (n, 3); reach : (n,)"""
         rays = _as_rays(origins, directions, reach)
-        occluded_kernel(_EMBREE.occluded, self._scene, arguments, *rays, answer)
+        answer = np.empty(len(rays[1]), bool)
+        occluded_kernel(_EMBREE.occluded, self._scene, _EMBREE.arguments(False), *rays, answer)
         return answer
 
 
 def _fill(geometry: int, kind: int, layout: int, rows: np.ndarray) -> None:
     """Copy the rows (n, 3) of numbers of four bytes into a new buffer of the geometry."""
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise ValueError(f"a mesh's vertices and faces must be (n, 3), got {rows.shape}")
     buffer = _EMBREE.new_buffer(geometry, kind, 0, layout, rows.itemsize * 3, len(rows))
     if buffer:
         ctypes.memmove(buffer, rows.ctypes.data, rows.nbytes)
@@ -207,7 +203,52 @@ def _as_rays(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Contiguous and in single precision; a point for all of them as (1, 3)."""
     origins, directions, reach = (np.ascontiguousarray(x, np.float32) for x in (origins, directions, reach))
-    return np.atleast_2d(origins), directions, reach
+    count = len(directions)
+    if (
+        directions.shape != (count, 3)
+        or origins.shape not in ((3,), (count, 3))
+        or reach.shape != (count,)
+    ):
+        raise ValueError(
+            "rays must be origins (n, 3) or (3,), directions (n, 3) and reach (n,),"
+            f" got {origins.shape}, {directions.shape} and {reach.shape}"
+        )
+    return origins.reshape(-1, 3), directions, reach
+
+
+def _as_order(order: np.ndarray | None, count: int) -> np.ndarray:
+    """Indices of so many rays; none where they keep their own order."""
+    if order is None or not count:
+        return np.empty(0, np.intp)
+    order = np.ascontiguousarray(order, np.intp)
+    if order.shape != (count,) or order.min() < 0 or order.max() >= count:
+        raise ValueError(f"an order of {count} rays must name each of them once")
+    return order
+
+
+def _share_out(cast: Callable[[np.ndarray], None], order: np.ndarray, shares: int) -> None:
+    """Let so many threads cast rays, in pieces: the sky is soon found empty and the ground below is not, so
+    who is done takes another. In whole packets: rays are cast beside the same others as by one thread."""
+    packets = -(-len(order) // PACKET)
+    cuts = np.linspace(0, packets, PIECES * shares + 1).astype(int)[1:-1] * PACKET
+    left = deque(np.split(order, cuts))
+
+    def work() -> None:
+        while left:
+            try:
+                piece = left.popleft()
+            except IndexError:  # somebody else has taken the last
+                return
+            cast(piece)
+
+    helpers = [_pool().submit(work) for _ in range(shares - 1)]
+    try:
+        work()
+    finally:
+        left.clear()
+        for helper in helpers:
+            if not helper.cancel():  # one that has not begun finds nothing left
+                helper.result()
 
 
 def use_threads(count: int) -> None:

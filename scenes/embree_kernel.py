@@ -1,7 +1,7 @@
 """Rays packed for Embree 4 and its answers unpacked, in compiled loops.
 
-The records are `RTCRayHit16` and `RTCRay16` of `embree4/rtcore_ray.h`: a row of 16 numbers for each field, on
-a boundary of 64 bytes.
+The record is `RTCRayHit16` of `embree4/rtcore_ray.h`: a row of 16 numbers for each field, on a boundary of 64
+bytes. `RTCRay16` is its beginning; even where that is asked for, Embree may write into the rest.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 PACKET = 16
-ROWS = 24  # of a record: 22 in Embree 4.4
+ROWS = 24  # of a record; with one level of instances Embree 4.4 has 21
 
 # Which rows are which. Of a vector's three the first is named.
 ORIGIN, NEAR, DIRECTION, TIME, FAR, MASK, ID, FLAGS = 0, 3, 4, 7, 8, 9, 10, 11
@@ -22,13 +22,15 @@ NORMAL, TRIANGLE, GEOMETRY, INSTANCE = 12, 17, 18, 19
 
 EVERYTHING = -1  # as a mask
 NOTHING = -1  # as a geometry or an instance
+FLAT = np.float32(1e-18)
+"""Embree takes smaller parts of a direction for positive ones, but their sign from themselves."""
 
 
 def _lower_call(_typing, entry, valid, scene, rays, arguments):
     """How compiled code calls `rtcIntersect16` or `rtcOccluded16` at the address `entry`, with the addresses
     of the validity of each ray, the scene, the rays and the arguments.
 
-    An address within the code itself would forbid to keep it for the next process."""
+    Code with an address in it would not be kept for the next process."""
 
     def generate(context, builder, _signature, values):
         address, *given = values
@@ -92,15 +94,20 @@ def _aligned(count):
 
 @njit(cache=True)
 def _pack(record, words, valid, begin, rays, origins, directions, reach, order):
-    """Put the next rays into the record; lanes without one are not valid."""
+    """Put the next rays into the record; lanes without one are not valid, nor are rays that are not finite,
+    which would spoil their neighbours."""
     for lane in range(PACKET):
-        valid[lane] = -1 if lane < rays else 0
+        valid[lane] = 0
     for lane in range(rays):
         ray = order[begin + lane] if len(order) else begin + lane
         eye = ray if len(origins) > 1 else 0
+        total = np.float32(0.0) if reach[ray] == reach[ray] else reach[ray]
         for axis in range(3):
+            part = directions[ray, axis]
+            total += origins[eye, axis] + part
             record[(ORIGIN + axis) * PACKET + lane] = origins[eye, axis]
-            record[(DIRECTION + axis) * PACKET + lane] = directions[ray, axis]
+            record[(DIRECTION + axis) * PACKET + lane] = part if abs(part) >= FLAT else np.float32(0.0)
+        valid[lane] = -1 if total - total == 0.0 else 0
         record[FAR * PACKET + lane] = reach[ray]
         record[NEAR * PACKET + lane] = record[TIME * PACKET + lane] = 0.0
         words[MASK * PACKET + lane] = EVERYTHING

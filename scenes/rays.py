@@ -60,7 +60,7 @@ class Hits:
 
     distance : (n,) float32 metres, inf where nothing was hit within range
     body : (n,) int32 index into `RayScene.bodies`, -1 for a miss
-    triangle : (n,) int32 face of that body's mesh
+    triangle : (n,) int32 face of that body's mesh, -1 for a miss
     normal : (n, 3) float32 along the face's outward normal, not of unit length; zeros for a miss
     """
 
@@ -169,7 +169,7 @@ class RayScene:
 
         origins : (n, 3), or (3,) for rays that start in one point; directions : (n, 3) of unit length
         order : (n,) indices of the rays in an order in which neighbours point alike, where theirs is not
-            such; it changes no answer, and is faster
+            such: that is faster; see `scenes.embree.Tree.first_hits`
         Surfaces are hit from both sides, so a ray that starts inside a thing hits it on its way out.
         """
         directions = np.ascontiguousarray(directions, np.float32)

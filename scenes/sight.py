@@ -194,6 +194,6 @@ class SightTrees:
 def _inner(
     origins: np.ndarray, directions: np.ndarray, length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rays without their margins, as Embree takes them: starts and directions (n, 3), lengths (n,)."""
+    """Rays without their margins: starts and directions (n, 3), lengths (n,)."""
     starts = (origins + SIGHT_MARGIN * directions).astype(np.float32)
     return starts, directions.astype(np.float32), (length - 2.0 * SIGHT_MARGIN).astype(np.float32)
