@@ -2,7 +2,7 @@
 
 embreex brings the library; its own class casts rays one at a time. Packets give the same answers, but for
 which triangle is named where several meet; where the processor has AVX-512 and rays keep close together, they
-are two to three times as fast.
+are faster.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _threads = len(os.sched_getaffinity(0))
 _TRIANGLES = 0
 _INDICES, _VERTICES = 0, 1
 _UINT3, _FLOAT3 = 0x5003, 0x9003
-_HIGH_QUALITY = 2  # builds in four times the time, and is a fifth faster to cast into
+_HIGH_QUALITY = 2  # slower to build, faster to cast into
 _ROBUST = 1 << 2
 _COHERENT = 1 << 16
 _ALL_FEATURES = -1
