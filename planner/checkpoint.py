@@ -54,10 +54,24 @@ def write_file(path: Path, content: bytes) -> None:
 def write_tensors(
     path: Path, tensors: Mapping[str, np.ndarray], metadata: Mapping[str, str] | None = None
 ) -> str:
-    """Write a safetensors file; returns the SHA-256 of its bytes. Raises OSError."""
-    content = save({name: np.ascontiguousarray(tensor) for name, tensor in tensors.items()}, metadata)  # type: ignore[arg-type]
+    """Write a safetensors file; returns the SHA-256 of its bytes, which are the same for the same content.
+
+    Raises OSError."""
+    plain = save({name: np.ascontiguousarray(tensor) for name, tensor in tensors.items()})  # type: ignore[arg-type]
+    content = _with_metadata(plain, metadata) if metadata else plain
     write_file(path, content)
     return hashlib.sha256(content).hexdigest()
+
+
+def _with_metadata(content: bytes, metadata: Mapping[str, str]) -> bytes:
+    """A safetensors file's bytes with metadata in order of their names: `save` puts them in another order in
+    every process. The header is JSON after its length in eight bytes, filled up with spaces to a multiple of
+    eight; what it says of tensors counts from its end."""
+    end = 8 + int.from_bytes(content[:8], "little")
+    header = {"__metadata__": dict(sorted(metadata.items())), **json.loads(content[8:end])}
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + content[end:]
 
 
 def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str], str]:

@@ -163,7 +163,8 @@ class TrainingStore:
         try:
             yield
         except (PolicyError, ValueError, KeyError) as error:
-            raise TrainingRefusal(f"the training in {self.folder} cannot go on: {error}") from None
+            words = f"the training in {self.folder} cannot go on: {error}; what is in policies/ can still drive"
+            raise TrainingRefusal(words) from None
 
     def _restore_learner(self, progress: Progress, learner: Ddpg) -> None:
         path = self.folder / progress.learner
@@ -218,5 +219,6 @@ class TrainingStore:
         except OSError as error:
             reason = error.strerror or error
             raise TrainingError(
-                f"{self.folder} cannot be written any more: {reason}; the last checkpoint there is whole"
+                f"{self.folder} cannot be written any more: {reason}; the last checkpoint there is whole,"
+                " to go on from when that is seen to"
             ) from None

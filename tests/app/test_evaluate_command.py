@@ -40,7 +40,7 @@ def undriven(monkeypatch):
         (["--json", "/proc/nowhere/table.json"], "/proc/nowhere/table.json cannot be written"),
         (["--json", "/tmp"], "it is a folder"),
         (["--methods", "dwa", "--against", "covernav"], "add it to --methods"),
-        (["--methods", "dwa", "--cluster", "auto"], "covernav-studio[cluster]"),
+        (["--methods", "dwa", "--cluster", "auto"], "pip install '.[cluster]'"),
     ],
 )
 def test_what_cannot_be_asked_is_one_line(capsys, monkeypatch, options, reason):

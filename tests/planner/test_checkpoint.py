@@ -6,6 +6,8 @@ import pickle
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from planner.checkpoint import load_policy, read_tensors, save_policy, weights, write_file, write_tensors
 from planner.learning_errors import PolicyError
@@ -25,6 +27,33 @@ def test_a_policy_comes_back_as_it_was(saved):
     assert torch.equal(found(layers, state), actor(layers, state))
     assert name == again and name.name == "good" and len(name.sha256) == 64
     assert read_tensors(path)[1]["seed"] == "3"
+
+
+def test_the_same_content_is_the_same_bytes_whatever_the_order_of_its_metadata(tmp_path):
+    about = {f"key {number}": str(number) for number in range(8)}
+    backwards = dict(reversed(about.items()))
+    tensors = {"weight": np.arange(6, dtype=np.float32)}
+
+    shas = {write_tensors(tmp_path / "file.safetensors", tensors, order) for order in (about, backwards)}
+
+    assert len(shas) == 1
+
+
+@given(
+    about=st.dictionaries(st.text(max_size=9), st.text(max_size=20), max_size=4),
+    sizes=st.lists(st.integers(0, 9), max_size=3),
+)
+def test_metadata_and_tensors_come_back_as_they_were(tmp_path_factory, about, sizes):
+    path = tmp_path_factory.getbasetemp() / "come_back.safetensors"
+    tensors = {f"{number}": np.arange(size, dtype=np.float32) for number, size in enumerate(sizes)}
+
+    sha = write_tensors(path, tensors, about)
+
+    found, metadata, found_sha = read_tensors(path)
+    assert (metadata, found_sha) == (about, sha)
+    assert {name: tensor.tolist() for name, tensor in found.items()} == {
+        name: tensor.tolist() for name, tensor in tensors.items()
+    }
 
 
 def test_a_missing_file_is_named(tmp_path):

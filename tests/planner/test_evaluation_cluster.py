@@ -28,7 +28,7 @@ def test_without_ray_it_says_how_to_install_it(monkeypatch):
         raise ImportError(name)
 
     monkeypatch.setattr(importlib, "import_module", missing)
-    with pytest.raises(ClusterError, match=r"pip install 'covernav-studio\[cluster\]'"):
+    with pytest.raises(ClusterError, match=r"pip install '\.\[cluster\]'"):
         Cluster("auto")
 
 
