@@ -44,7 +44,8 @@ class Cluster:
             self._ray: Any = importlib.import_module("ray")
         except ImportError:
             raise ClusterError(
-                "--cluster needs Ray, which is not installed; install the studio with its extra, pip install '.[cluster]'"
+                "--cluster needs Ray, which is not installed;"
+                " install the studio with its extra, pip install '.[cluster]'"
             ) from None
         try:
             self._ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)

@@ -163,8 +163,8 @@ class TrainingStore:
         try:
             yield
         except (PolicyError, ValueError, KeyError) as error:
-            words = f"the training in {self.folder} cannot go on: {error}; what is in policies/ can still drive"
-            raise TrainingRefusal(words) from None
+            words = f"the training in {self.folder} cannot go on: {error}"
+            raise TrainingRefusal(f"{words}; what is in policies/ can still drive") from None
 
     def _restore_learner(self, progress: Progress, learner: Ddpg) -> None:
         path = self.folder / progress.learner
