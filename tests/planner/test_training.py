@@ -12,12 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from toy_training import TOY, left, settings, train
 
 from planner.checkpoint import load_policy, read_tensors, weights
 from planner.curriculum import Curriculum, Promotion, Stage
-from planner.ddpg import DdpgConfig
 from planner.learning_errors import TrainingError, TrainingRefusal
 from planner.networks import PAPER, Actor
 from planner.observation import LAYERS
@@ -25,27 +23,8 @@ from planner.training import Trainer
 from planner.training_collector import Collector, CollectorProcess, EpisodeOrder, StepFrame
 from planner.training_control import Control
 from planner.training_events import EpisodeDone, Stopped
-from planner.training_settings import ENVIRONMENT, TrainingSettings
+from planner.training_settings import ENVIRONMENT
 from scenes.scenario import Family
-
-TOY = "toy_drive:ToyDrive-v0"
-
-
-def settings(**changed):
-    given = {"episodes": 4, "steps": 12, "environment": TOY, "resets": (), "random_episodes": 1}
-    return TrainingSettings(**{**given, "ddpg": DdpgConfig(batch=16, buffer=1000), **changed})
-
-
-def train(folder, wanted=None, **options):
-    return list(Trainer(folder, wanted, **{"parallel": False, **options}).run())
-
-
-def left(folder):
-    """All that a training leaves which must not differ: networks, optimisers, and the log."""
-    progress = json.loads((folder / "checkpoint.json").read_text())
-    tensors, _, _ = read_tensors(folder / progress["learner"])
-    log = (folder / "episodes.jsonl").read_text()
-    return {name: tensor.tobytes() for name, tensor in tensors.items()} | {"log": log}
 
 
 @pytest.fixture(scope="module")
@@ -120,66 +99,6 @@ def test_nobody_waits_with_a_policy_while_the_ground_ahead_is_made(tmp_path):
         assert not waited and collected.number == 1
     finally:
         source.close()
-
-
-NEAR = {"terrain": "normal", "goal_distance": 4.0}
-SHOWN = settings(environment=ENVIRONMENT, steps=100, demonstrations=50, resets=(NEAR,))
-
-
-@pytest.fixture(scope="module")
-def shown(tmp_path_factory):
-    """A training whose every other episode a planner drives."""
-    folder = tmp_path_factory.mktemp("shown") / "training"
-    train(folder, SHOWN)
-    return folder
-
-
-def test_a_planner_drives_its_share_of_the_episodes_and_arrives(shown):
-    rows = [json.loads(line) for line in (shown / "episodes.jsonl").read_text().splitlines()]
-    assert [row["demonstrated"] for row in rows] == [False, True, False, True]
-    assert all(row["success"] for row in rows if row["demonstrated"])
-
-
-def test_demonstrations_are_the_same_after_an_interruption(shown, tmp_path):
-    control = Control()
-    for event in Trainer(tmp_path / "t", SHOWN, control=control, parallel=False).run():
-        if isinstance(event, EpisodeDone) and event.number == 1:
-            control.stop()
-    train(tmp_path / "t")
-    assert left(tmp_path / "t") == left(shown)
-
-
-@given(percent=st.integers(0, 99), episodes=st.integers(1, 300))
-def test_demonstrations_lie_evenly_among_the_episodes(percent, episodes):
-    wanted = settings(demonstrations=percent)
-    assert sum(map(wanted.demonstrated, range(episodes))) == episodes * percent // 100
-
-
-@pytest.mark.parametrize("percent", [-1, 100])
-def test_something_is_left_to_the_policy(percent):
-    with pytest.raises(ValueError, match="0 to 99 per cent"):
-        settings(demonstrations=percent)
-
-
-def test_what_an_earlier_version_settled_for_can_be_read():
-    document = settings().document() | {"demonstration_share": 0.5}
-    del document["demonstrations"]
-    assert TrainingSettings.from_document(document) == settings()
-
-
-def test_an_environment_that_no_planner_can_drive_in_is_refused_demonstrations(tmp_path):
-    with pytest.raises(TrainingError, match="what a planner needs to know"):
-        train(tmp_path / "t", settings(demonstrations=99))
-
-
-def test_demonstrations_bring_no_promotion(tmp_path):
-    stages = tuple(Stage(str(far), (Family.NORMAL,), far, nearest=far, steps=40) for far in (4.0, 8.0))
-    lessons = Curriculum(0, stages, Promotion(1.0, 1))
-    wanted = settings(environment=ENVIRONMENT, demonstrations=50, random_episodes=0)
-    trainer = Trainer(tmp_path / "t", wanted, parallel=False, curriculum=lessons)
-    rows = [event for event in trainer.run() if isinstance(event, EpisodeDone)]
-    assert [row.success for row in rows] == [False, True, False, True]
-    assert {row.stage for row in rows} == {"4.0"} and trainer.progress.curriculum["episodes"] == 4
 
 
 def test_another_seed_is_another_training(whole, tmp_path):
