@@ -53,11 +53,13 @@ def learning_in(folder: Path, learner: str) -> Iterator[None]:
     """Make the folder that a training is to fill, and hold it. Raises TrainingRefusal where that cannot be,
     where it holds something else and while another trains in it; TrainingError where it cannot be written
     later on."""
-    from planner.folder_lock import FolderInUse, FolderLock
+    from planner.folder_lock import NAME, FolderInUse, FolderLock
     from planner.learning_errors import TrainingError, TrainingRefusal
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if not (folder / NAME).exists():  # what is refused is left as it was
+            _check_held(folder, learner)
         lock = FolderLock(folder)
     except FolderInUse as error:
         words = f"process {error.holder} trains in {folder} already; choose another"
@@ -65,18 +67,24 @@ def learning_in(folder: Path, learner: str) -> Iterator[None]:
     except OSError as error:
         raise TrainingRefusal(f"{folder} cannot be written: {error.strerror or error}") from None
     try:
-        mark = folder / LEARNER
-        if mark.is_file() and mark.read_text("utf-8", "replace").strip() != learner:
-            raise TrainingRefusal(f"{folder} holds a training of another learner; name another with --out")
-        if not mark.is_file() and (strange := held(folder)):
-            raise TrainingRefusal(f"{folder} is not empty (it has {strange[0]!r}); name another with --out")
-        mark.write_text(f"{learner}\n", "utf-8")
+        _check_held(folder, learner)
+        (folder / LEARNER).write_text(f"{learner}\n", "utf-8")
         yield
     except OSError as error:
         words = f"{folder} cannot be written: {error.strerror or error}"
         raise TrainingError(f"{words}; what was finished in it is kept") from None
     finally:
         lock.close()
+
+
+def _check_held(folder: Path, learner: str) -> None:
+    from planner.learning_errors import TrainingRefusal
+
+    mark = folder / LEARNER
+    if mark.is_file() and mark.read_text("utf-8", "replace").strip() != learner:
+        raise TrainingRefusal(f"{folder} holds a training of another learner; name another with --out")
+    if not mark.is_file() and (strange := held(folder)):
+        raise TrainingRefusal(f"{folder} is not empty (it has {strange[0]!r}); name another with --out")
 
 
 def held(folder: Path) -> list[str]:

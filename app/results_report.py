@@ -17,7 +17,7 @@ from planner.evaluation_table import ALL_TERRAINS
 from scenes.scenario import ScenarioError
 
 BESIDE_EXPOSURE = "Success against exposure, with 95 % intervals; the dashed line is the least exposed route"
-SPREAD = "Successes: every drive, the middle half, the median"
+SPREAD = "Successes: drives (400 of a method at most), the middle half, the median"
 STYLE = """
 body { margin: 0 auto; max-width: 88rem; padding: 2rem 1.25rem 4rem; color: #1c1f22; background: #fff;
   font: 15px/1.55 system-ui, sans-serif }

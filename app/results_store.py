@@ -23,9 +23,12 @@ from planner.trajectory import Trajectory
 
 FORMAT = "covernav evaluation 1"
 NAME = "results.sqlite"
-MOST_MISSIONS = 200_000
+MOST_MISSIONS = 50_000
 MOST_KINDS = 200
-MOST_BYTES = 2**20  # of one mission's figures, way or scene
+MOST_BYTES = 2**20  # of one mission's way or scene
+MOST_SUMMARY = 2**16  # bytes of one mission's figures
+MOST_SUMMARIES = 2**27  # bytes of all missions' figures
+MOST_REASON = 300  # characters of why a mission ended in an error
 MOST_STEPS = 2000  # of SQLite's machine, in thousands, for one question
 MOST_SAMPLES = 100_000
 LARGEST = 1e12  # no figure of a drive is near it, and means of such are still numbers
@@ -37,6 +40,8 @@ FIGURES = (
     "planner_ms_p50", "planner_ms_p95", *REFERENCE,
 )  # fmt: skip
 """What a mission's summary holds in numbers, each finite or null."""
+READ = (*CONDITIONS, "status", "reason", "success", "seed", "goal_distance", *FIGURES)
+"""What is read of a mission's summary; the rest is for people who open the file themselves."""
 
 SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -132,14 +137,17 @@ class ResultsFile:
                 "SELECT id, summary, trajectory IS NOT NULL AND scene IS NOT NULL FROM missions"
                 " ORDER BY id LIMIT ?",
                 (MOST_MISSIONS + 1,),
-            ).fetchall()
-        if not rows:
+            )
+            found, read = [], 0
+            for id, data, drawn in rows:
+                text = _text(data, MOST_SUMMARY)
+                read += len(text)
+                if len(found) == MOST_MISSIONS or read > MOST_SUMMARIES:
+                    words = f"{MOST_MISSIONS} missions or {MOST_SUMMARIES >> 20} MiB of their figures"
+                    raise ResultsError(f"{self.path.name} has more than {words}; evaluate them in parts")
+                found.append(self._checked(_document(text)) | {"id": id, "drawn": bool(drawn)})
+        if not found:
             raise ResultsError(f"{self.path.name} holds no mission; give it one with `covernav evaluate`")
-        if len(rows) > MOST_MISSIONS:
-            raise ResultsError(f"{self.path.name} has more than {MOST_MISSIONS} missions")
-        found = [
-            self._checked(_unpacked(data)) | {"id": id, "drawn": bool(drawn)} for id, data, drawn in rows
-        ]
         if len(grouped(found, KIND)) > MOST_KINDS:
             raise ResultsError(f"{self.path.name} has more than {MOST_KINDS} kinds of missions")
         return found
@@ -163,7 +171,8 @@ class ResultsFile:
                 raise ValueError
         except (ValueError, KeyError, TypeError, OverflowError):
             raise ResultsError(f"{self.path.name} holds a mission that is damaged") from None
-        return summary
+        read = {name: summary[name] for name in READ if name in summary}
+        return read | {"reason": str(read["reason"])[:MOST_REASON]} if "reason" in read else read
 
     def trajectory(self, mission: int) -> Trajectory:
         """Raises LookupError where there is none."""
@@ -200,13 +209,25 @@ def _packed(document: Any) -> bytes:
 
 
 def _unpacked(data: Any) -> Any:
+    return _document(_text(data, MOST_BYTES))
+
+
+def _text(data: Any, most: int) -> bytes:
+    """What was packed, at most so many bytes. Raises ResultsError."""
     try:
         unpacker = zlib.decompressobj()
-        text = unpacker.decompress(data, MOST_BYTES)
+        text = unpacker.decompress(data, most)
         if unpacker.unconsumed_tail:
             raise ValueError
+    except (TypeError, ValueError, zlib.error):
+        raise ResultsError("a mission's data are damaged") from None
+    return text
+
+
+def _document(text: bytes) -> Any:
+    try:
         return json.loads(text, parse_constant=_no_number)
-    except (TypeError, ValueError, RecursionError, zlib.error):
+    except (ValueError, RecursionError):
         raise ResultsError("a mission's data are damaged") from None
 
 

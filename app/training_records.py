@@ -149,16 +149,16 @@ class TrainingRecords:
                 heads = database.execute("SELECT * FROM trainings ORDER BY id").fetchall()
                 for row in database.execute("SELECT * FROM training_episodes ORDER BY training, number"):
                     episodes.setdefault(row["training"], []).append(json.loads(row["row"]))
-        except sqlite3.Error as error:
+            return [
+                Training(
+                    head["id"], head["started_at"], head["scenario"],
+                    TrainingPlan.model_validate_json(head["plan"]), self.folder(head["id"]),
+                    TrainingStatus(head["status"]), head["message"], episodes.get(head["id"], []),
+                )
+                for head in heads
+            ]  # fmt: skip
+        except (sqlite3.Error, ValueError) as error:
             raise StoreError(f"the trainings in {self._workspace} cannot be read: {error}") from None
-        return [
-            Training(
-                head["id"], head["started_at"], head["scenario"],
-                TrainingPlan.model_validate_json(head["plan"]), self.folder(head["id"]),
-                TrainingStatus(head["status"]), head["message"], episodes.get(head["id"], []),
-            )
-            for head in heads
-        ]  # fmt: skip
 
     def _write(self, change) -> Any:
         try:

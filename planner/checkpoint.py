@@ -18,6 +18,7 @@ from torch import nn
 
 from planner.learning_errors import PolicyError
 from planner.networks import Actor, Architecture
+from planner.observation import LAYERS, STATE_SIZE
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,10 @@ def load_policy(path: Path, name: str = "terp_cbam") -> tuple[Actor, PolicyName]
         raise PolicyError(f"{path} does not say which architecture its weights are of") from None
     if architecture.name != name:
         raise PolicyError(f"{path} holds weights of the architecture {architecture.name!r}, not {name!r}")
+    if architecture.channels > len(LAYERS) or architecture.state > STATE_SIZE:
+        reads = f"{architecture.channels} layers and {architecture.state} numbers"
+        shown = f"{len(LAYERS)} and {STATE_SIZE}"
+        raise PolicyError(f"{path} holds weights of a network that reads {reads}; a drive shows {shown}")
     actor = Actor(architecture)
     load_weights(actor, tensors, path)
     return actor.eval(), PolicyName(path.stem, sha256)

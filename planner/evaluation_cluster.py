@@ -42,6 +42,8 @@ class Cluster:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anybody
         try:
             self._ray: Any = importlib.import_module("ray")
+            if not hasattr(self._ray, "init"):  # a folder that happens to have the name
+                raise ImportError
         except ImportError:
             raise ClusterError(
                 "--cluster needs Ray, which is not installed;"

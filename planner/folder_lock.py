@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 from pathlib import Path
@@ -18,7 +19,8 @@ class FolderInUse(Exception):
 
 
 class FolderLock:
-    """Holds a folder from when it is made until `close`. Raises FolderInUse, OSError."""
+    """Holds a folder from when it is made until `close`. Raises FolderInUse; OSError, too where the folder
+    has a file of that name which somebody else put there, and leaves it as it is."""
 
     def __init__(self, folder: Path) -> None:
         self._file = os.open(folder / NAME, os.O_RDWR | os.O_CREAT, 0o666)
@@ -28,6 +30,10 @@ class FolderLock:
             holder = os.pread(self._file, 32, 0).decode(errors="replace").strip() or "another process"
             self.close()
             raise FolderInUse(holder) from None
+        found = os.pread(self._file, 32, 0)
+        if found and not found.isdigit():
+            self.close()
+            raise OSError(errno.EEXIST, f"its file {NAME!r} is not one of the studio's; move it away")
         os.ftruncate(self._file, 0)
         os.pwrite(self._file, str(os.getpid()).encode(), 0)
 

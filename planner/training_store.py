@@ -69,6 +69,8 @@ class TrainingStore:
         try:
             if new:
                 folder.mkdir(parents=True, exist_ok=True)
+                if not (folder / LOCK).exists():  # what is refused is left as it was
+                    self._check_empty()
             elif not (folder / "settings.json").is_file():
                 raise TrainingRefusal(f"{folder} holds no training to go on with")
             self._lock = FolderLock(folder)

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import APIRouter, HTTPException, Path, Query, Request, Response
 from fastapi.responses import FileResponse
-from pydantic import Field
+from pydantic import Field, StrictInt
 
 from app.api.bodies import JsonRoute
 from app.results import Evaluation, ResultsLibrary, described
@@ -41,7 +41,7 @@ UPLOAD = {
 class ReplayChoice(Document):
     """One mission or two of the same scene, by their ids; the scene opens in the studio."""
 
-    missions: Annotated[tuple[int, ...], Field(min_length=1, max_length=2)]
+    missions: Annotated[tuple[StrictInt, ...], Field(min_length=1, max_length=2)]
 
 
 class Reports:

@@ -157,6 +157,8 @@ def test_a_file_is_taken_in_and_thrown_away(client, tmp_path):
         ("GET", f"{RESULTS}/figures/distributions.svg?theme=pink", {}, 422),
         ("POST", f"{RESULTS}/replay", {"json": {"missions": []}}, 422),
         ("POST", f"{RESULTS}/replay", {"json": {"missions": [1, 2, 3]}}, 422),
+        ("POST", f"{RESULTS}/replay", {"json": {"missions": [True]}}, 422),
+        ("POST", f"{RESULTS}/replay", {"json": {"missions": ["1"]}}, 422),
         ("POST", f"{RESULTS}/replay", {"json": {"missions": [99]}}, 404),
     ],
 )

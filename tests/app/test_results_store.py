@@ -116,6 +116,25 @@ def test_a_file_of_very_many_kinds_is_refused(tmp_path):
         ResultsFile(results_file(tmp_path / "a.sqlite", far)).missions()
 
 
+@pytest.mark.parametrize(("name", "most"), [("MOST_MISSIONS", 3), ("MOST_SUMMARIES", 900)])
+def test_a_file_that_would_fill_the_memory_is_refused(path, monkeypatch, name, most):
+    monkeypatch.setattr(f"app.results_store.{name}", most)
+    with pytest.raises(ResultsError, match=r"more than .* evaluate them in parts"):
+        ResultsFile(path).missions()
+
+
+def test_of_a_mission_what_no_table_reads_is_left_in_the_file(tmp_path):
+    path = results_file(tmp_path / "a.sqlite", [drive(0, "dwa") | {"padding": ["x"] * 1000}])
+    (mission,) = ResultsFile(path).missions()
+    assert "padding" not in mission and mission["method"] == "dwa"
+
+
+def test_a_mission_of_very_many_figures_is_refused(tmp_path):
+    path = results_file(tmp_path / "a.sqlite", [drive(0, "dwa") | {"padding": "x" * 70_000}])
+    with pytest.raises(ResultsError, match="damaged"):
+        ResultsFile(path).missions()
+
+
 @pytest.mark.parametrize(
     "fields",
     [

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from meadows import meadow_scene
 from trainings import LONG, SHORT, opened, over, until
 
 from app.changes import Change, StudioError
-from app.store import UnknownEntry
+from app.store import StoreError, UnknownEntry, connected
 from app.training_plan import Task, TrainingPlan, TrainingStatus
 from app.training_process import Drawn, Moved, training_settings
 from app.training_records import TrainingRecords
@@ -233,3 +234,12 @@ def test_a_full_disk_is_said_and_the_training_can_be_resumed(tmp_path):
         await service.close()
 
     asyncio.run(go())
+
+
+@pytest.mark.parametrize("damage", ["UPDATE trainings SET plan = '{'", "UPDATE trainings SET status = 'odd'"])
+def test_a_training_whose_record_is_damaged_is_said(tmp_path, damage):
+    TrainingRecords(tmp_path).add(SHORT, "Test meadow")
+    with closing(connected(tmp_path)) as database, database:
+        database.execute(damage)
+    with pytest.raises(StoreError, match="the trainings in .* cannot be read"):
+        TrainingRecords(tmp_path).load()

@@ -121,3 +121,11 @@ def test_an_architecture_that_makes_no_sense_is_refused(tmp_path, said):
     write_tensors(path, weights(Actor()), {"architecture": json.dumps(said)})
     with pytest.raises(PolicyError, match="does not say which architecture"):
         load_policy(path)
+
+
+@pytest.mark.parametrize("reads", [Architecture(channels=7), Architecture(state=28)])
+def test_a_network_that_reads_more_than_a_drive_shows_is_refused(tmp_path, reads):
+    path = tmp_path / "odd.safetensors"
+    save_policy(path, Actor(reads))
+    with pytest.raises(PolicyError, match=r"reads . layers and .. numbers; a drive shows 6 and 27"):
+        load_policy(path)

@@ -6,6 +6,7 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from held_drives import LET_GO, attempt
@@ -23,11 +24,17 @@ def without_clock(rows):
     return [{name: value for name, value in row.items() if "_ms" not in name} for row in rows]
 
 
-def test_without_ray_it_says_how_to_install_it(monkeypatch):
-    def missing(name):
-        raise ImportError(name)
+def missing(name):
+    raise ImportError(name)
 
-    monkeypatch.setattr(importlib, "import_module", missing)
+
+def a_folder_that_has_its_name(name):
+    return ModuleType(name)
+
+
+@pytest.mark.parametrize("found", [missing, a_folder_that_has_its_name])
+def test_without_ray_it_says_how_to_install_it(monkeypatch, found):
+    monkeypatch.setattr(importlib, "import_module", found)
     with pytest.raises(ClusterError, match=r"pip install '\.\[cluster\]'"):
         Cluster("auto")
 

@@ -274,6 +274,7 @@ def test_a_folder_that_holds_something_is_refused(whole, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(TrainingRefusal, match=r"not empty \(it has 'notes.txt'\)"):
         Trainer(tmp_path, settings())
+    assert [found.name for found in tmp_path.iterdir()] == ["notes.txt"]
     with pytest.raises(TrainingRefusal, match="holds a training already"):
         Trainer(whole[0], settings())
     with pytest.raises(TrainingRefusal, match="holds no training to go on with"):
