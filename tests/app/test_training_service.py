@@ -241,5 +241,5 @@ def test_a_training_whose_record_is_damaged_is_said(tmp_path, damage):
     TrainingRecords(tmp_path).add(SHORT, "Test meadow")
     with closing(connected(tmp_path)) as database, database:
         database.execute(damage)
-    with pytest.raises(StoreError, match="the trainings in .* cannot be read"):
+    with pytest.raises(StoreError, match=r"the trainings in .* cannot be read"):
         TrainingRecords(tmp_path).load()
