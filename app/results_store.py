@@ -23,11 +23,11 @@ from planner.trajectory import Trajectory
 
 FORMAT = "covernav evaluation 1"
 NAME = "results.sqlite"
-MOST_MISSIONS = 50_000
+MOST_MISSIONS = 30_000
 MOST_KINDS = 200
 MOST_BYTES = 2**20  # of one mission's way or scene
-MOST_SUMMARY = 2**16  # bytes of one mission's figures
-MOST_SUMMARIES = 2**27  # bytes of all missions' figures
+MOST_SUMMARY = 2**15  # bytes of one mission's figures
+MOST_SUMMARIES = 2**26  # bytes of all missions' figures
 MOST_REASON = 300  # characters of why a mission ended in an error
 MOST_STEPS = 2000  # of SQLite's machine, in thousands, for one question
 MOST_SAMPLES = 100_000
