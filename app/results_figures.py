@@ -118,7 +118,7 @@ def _legend(figure: Figure, panels: Sequence[Axes], bound: str | None) -> None:
 
 def distributions(missions: Sequence[dict[str, Any]], methods: Sequence[str], theme: Theme) -> Figure:
     """Exposed seconds, mission seconds and length ratio of each method's successes: every drive a dot
-    (400 of each method at most, evenly from all of them), the middle half a bar, the median a tick."""
+    (of each method at most `MOST_DOTS`, evenly from all), the middle half a bar, the median a tick."""
     shown = [name for name in methods if any(m["method"] == name and m["success"] for m in missions)]
     figure = Figure(figsize=(11.0, 0.42 * max(len(shown), 2) + 1.1), layout="constrained")
     panels = figure.subplots(1, len(MEASURES), sharey=True)
@@ -137,7 +137,8 @@ def distributions(missions: Sequence[dict[str, Any]], methods: Sequence[str], th
 
 def _strip(panel: Axes, place: int, values: np.ndarray, colour: str, ink: str) -> None:
     low, middle, high = np.percentile(values, [25, 50, 75])
-    dots = values[np.unique(np.linspace(0, len(values) - 1, MOST_DOTS).astype(int))]  # all of up to 400
+    evenly = np.linspace(0, len(values) - 1, MOST_DOTS).astype(int)
+    dots = values[np.unique(evenly)]
     spread = np.random.default_rng(place).uniform(-0.27, 0.27, len(dots))
     panel.plot([low, high], [place, place], lw=7, color=colour, alpha=0.55, solid_capstyle="butt")
     panel.plot(dots, place + spread, ".", ms=6, color=colour, alpha=0.75, mew=0)

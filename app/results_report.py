@@ -9,7 +9,14 @@ from html import escape
 from typing import Any
 
 from app.results import Evaluation, described
-from app.results_figures import Theme, distributions, render, success_against_exposure, trajectories
+from app.results_figures import (
+    MOST_DOTS,
+    Theme,
+    distributions,
+    render,
+    success_against_exposure,
+    trajectories,
+)
 from app.results_map import Grounds
 from app.results_tables import BOUND, COLUMNS, PAPER_FORMATS, around, kind_words, shown
 from app.store import UnknownEntry
@@ -17,7 +24,7 @@ from planner.evaluation_table import ALL_TERRAINS
 from scenes.scenario import ScenarioError
 
 BESIDE_EXPOSURE = "Success against exposure, with 95 % intervals; the dashed line is the least exposed route"
-SPREAD = "Successes: drives (400 of a method at most), the middle half, the median"
+SPREAD = f"Successes: drives ({MOST_DOTS} of a method at most), the middle half, the median"
 STYLE = """
 body { margin: 0 auto; max-width: 88rem; padding: 2rem 1.25rem 4rem; color: #1c1f22; background: #fff;
   font: 15px/1.55 system-ui, sans-serif }

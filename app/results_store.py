@@ -172,7 +172,9 @@ class ResultsFile:
         except (ValueError, KeyError, TypeError, OverflowError):
             raise ResultsError(f"{self.path.name} holds a mission that is damaged") from None
         read = {name: summary[name] for name in READ if name in summary}
-        return read | {"reason": str(read["reason"])[:MOST_REASON]} if "reason" in read else read
+        if "reason" in read:
+            read["reason"] = str(read["reason"])[:MOST_REASON]
+        return read
 
     def trajectory(self, mission: int) -> Trajectory:
         """Raises LookupError where there is none."""
